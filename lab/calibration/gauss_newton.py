@@ -179,6 +179,7 @@ class Fit:
         triangle: ``(f, f)`` R of the whitened Jacobian's free columns, scaled to unit norm.
         scale: ``(f,)`` the norms they had.
         other: where the values are not those of least squares; None where they are.
+        aside: positions in ``free`` of parameters that a prior alone determines, and that no condition number is of.
     """
 
     values: Array
@@ -188,6 +189,7 @@ class Fit:
     triangle: Array
     scale: Array
     other: OtherEstimate | None = None
+    aside: tuple[int, ...] = ()
 
     @property
     def least_squares(self) -> Array:
@@ -196,8 +198,9 @@ class Fit:
 
     @cached_property
     def singular_values(self) -> Array:
-        """Singular values of ``triangle``, descending."""
-        return np.asarray(np.linalg.svd(self.triangle, compute_uv=False), dtype=float)
+        """Singular values of ``triangle`` without the parameters ``aside``, descending."""
+        rest = np.delete(self.triangle, self.aside, axis=1)
+        return np.asarray(np.linalg.svd(rest, compute_uv=False), dtype=float)
 
     @property
     def iterations(self) -> int:
@@ -206,8 +209,8 @@ class Fit:
 
     @property
     def rank(self) -> int:
-        """The number of singular values that are not zero."""
-        return int((self.singular_values > RANK_TOLERANCE * self.singular_values[0]).sum())
+        """The number of singular values that are not zero; a prior determines the parameters ``aside``."""
+        return int((self.singular_values > RANK_TOLERANCE * self.singular_values[0]).sum()) + len(self.aside)
 
     @property
     def condition(self) -> float:
@@ -219,6 +222,23 @@ class Fit:
     def ill_conditioned(self) -> bool:
         """Check whether the parameters are weakly observable in these poses: a condition above 1000."""
         return condition_bound(self.triangle) > _ILL_CONDITIONED and self.condition > _ILL_CONDITIONED
+
+    def beside(self, residual: Array, rows: Array) -> tuple["Fit", float]:
+        """Return the fit with further rows, to first order, and how far that moves the predictions (whitened norm).
+
+        Args:
+            residual: ``(r,)`` of the further rows at ``values``.
+            rows: ``(r, p)`` their derivatives by all parameters.
+        """
+        index, size = list(self.free), len(self.free)
+        before = self.triangle * self.scale
+        more = np.column_stack([rows[:, index], residual])
+        both = triangle(np.concatenate([np.column_stack([before, np.zeros(size)]), more]))
+        columns, scale = unit_columns(both[:size, :size])
+        step = pseudo_inverse(columns, RANK_TOLERANCE) @ both[:size, size] / scale
+        values = self.values.copy()
+        values[index] += step
+        return replace(self, values=values, triangle=columns, scale=scale), float(np.linalg.norm(before @ step))
 
     def unit_covariance(self) -> Array:
         """Covariance ``(f, f)`` of the free parameters where whitened noise has variance one."""

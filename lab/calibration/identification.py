@@ -16,7 +16,13 @@ from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit, settled
 from lab.calibration.guess import columns_of, few_points_of_a_station
 from lab.calibration.identifiability import poses_needed, scaled_condition
-from lab.calibration.observation import Observation, UnscaledObservation, UnsizedObservation, observation_of
+from lab.calibration.observation import (
+    Observation,
+    UnscaledObservation,
+    UnsizedObservation,
+    WeighsPriors,
+    observation_of,
+)
 from lab.calibration.prior import (
     ActingPrior,
     Prior,
@@ -34,7 +40,7 @@ from lab.core.probability import t_ppf
 from lab.core.se3 import Array
 from lab.kinematics.gauge import BaseSet, base_set, independent_columns, structure_jacobian
 from lab.kinematics.model import Model
-from lab.kinematics.parameter import frame_rotations
+from lab.kinematics.parameter import SIZE, frame_rotations
 
 __all__ = [
     "PLAUSIBLE_SPREAD",
@@ -51,6 +57,10 @@ _FIRST_POSES = 4_000  # of very many, for initial values and, mostly, the identi
 _PRIOR_ROUNDS = 4  # of the directions and the scale of an automatic prior, and the fit by these
 _SETTLED_SCALE = 0.05  # of itself, by which the scale of the tolerances still changes
 _LEAST_SIGMA = 1e-9  # m: residuals below are those of the arithmetic
+_LEAST_WEIGHING = 1e-7  # m: by less noise no prior weighs, so that it stays above rounding
+_EXACT_M = 1e-9  # root mean square of points: moved by less, they are where they were
+_UNMOVED = 0.1  # standard deviations of a reading, root mean square: moved by less, directions are as they were
+_SETTLED_NOISE, _NOISE_ROUNDS = 0.01, 3  # of itself, by which the noise that priors weigh by still changes
 _MOST_NAMED = 8  # weak parameters in a warning
 WEAK = 1e-3  # m or rad: a parameter with a larger standard deviation is weak
 PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the nominal model in the same poses
@@ -137,8 +147,9 @@ class Identification:
     @property
     def weak(self) -> tuple[str, ...]:
         """Names of the fitted parameters that are uncertain by more than a millimetre or milliradian."""
-        names = (self.model.names[i] for i in self.fit.free)
-        return tuple(name for name, std in zip(names, self.std, strict=True) if std > WEAK)
+        parameters = (self.model.parameters[i] for i in self.fit.free)
+        each = zip(parameters, self.std, strict=True)
+        return tuple(parameter.name for parameter, std in each if parameter.unit.si in ("m", "rad") and std > WEAK)
 
     @property
     def unobservable(self) -> tuple[int, ...]:
@@ -196,10 +207,9 @@ def identify(
     """
     # weigh the measurements
     observation = observation_of(arm).within(data)
+    observation, observed, sigma_given = _weighed(observation, data, noise or Noise())
     model, nominal = observation.model, observation.nominal(nominal)
-    observed, sigma_given = weigh(observation, data, noise or Noise())
     _refuse_impossible_or_few(observation, data, observed, nominal)
-    constraints = weighted_constraints(observation, observed)
     # place base and tool by the nominal links
     aligned = fit_base_and_tool(observation, observed.alike, nominal)
     # find what is identifiable, by the structure of the arm and in these poses
@@ -212,6 +222,10 @@ def identify(
     start[list(structure.fixed)] = nominal[list(structure.fixed)]
     start[list(free)] = [options.near.get(model.names[i], start[i]) for i in free]
     solution = _solved(observation, observed, free, start, options)
+    if not sigma_given:
+        observation, solution = _with_weighed_priors(observation, observed, solution, options)
+    model = observation.model
+    constraints = weighted_constraints(observation, observed)
     if options.estimator is not None:
         solution = _estimated(
             options.estimator, observation, observed, structure, nominal, solution, start, options, sigma_given
@@ -224,6 +238,7 @@ def identify(
     if most_likely is not None:
         solution, dof, unit_sigma = most_likely.fit, most_likely.dof, most_likely.sigma
         constraints = joined(constraints, most_likely.prior.rows(most_likely.weight))
+    solution = replace(solution, aside=_sizes(model, solution.free))
     # the covariance, by the given noise or by the residuals
     given = root_mean_square_sigma(observed, observation.positions, observation.units) if sigma_given else 1.0
     scale = 1.0 if sigma_given else unit_sigma
@@ -237,7 +252,7 @@ def identify(
         sigma_given=sigma_given,
         residual_sigma_m=given * unit_sigma,
         dof=dof,
-        covariance=solution.unit_covariance() * scale**2,
+        covariance=solution.unit_covariance() * max(scale, _least_scale(solution, observed)) ** 2,
         residuals=data.points - model.points(observed.inputs, solution.values),
         spread=_relative_spread(observation, observed, aligned, nominal),
         checks=tuple(Check("note", "noted", data={"text": text}) for text in data.warnings),
@@ -245,6 +260,19 @@ def identify(
         prior=None if most_likely is None else most_likely.prior,
     )
     return replace(identified, checks=(*identified.checks, *_checks(identified)))
+
+
+def _weighed(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observation, Observations, bool]:
+    """Weigh the measurements as ``weigh``, and an observation's own priors where the noise is given."""
+    observed, sigma_given = weigh(observation, data, noise)
+    if sigma_given and isinstance(observation, WeighsPriors):
+        observation = observation.weighed(1 / observed.typical_weight)
+    return observation, observed, sigma_given
+
+
+def _least_scale(solution: Fit, observed: Observations) -> float:
+    """Return the least standard deviation of whitened residuals by which priors of sizes weigh; 0 without any."""
+    return _LEAST_WEIGHING * observed.typical_weight if solution.aside else 0.0
 
 
 def _solved(
@@ -255,7 +283,40 @@ def _solved(
         return options.solve(observation, observed, free, start)
     constraints = weighted_constraints(observation, observed)
     solution = fit(observation.model, observed, free, start, extra_residuals=constraints)
+    solution = replace(solution, aside=_sizes(observation.model, free))
     return settled(observation.model, observed, solution, constraints)
+
+
+def _with_weighed_priors(
+    observation: Observation, observed: Observations, solution: Fit, options: FitOptions
+) -> tuple[Observation, Fit]:
+    """Return the observation whose priors weigh by the noise of the residuals, and its fit, from an earlier fit."""
+    for _ in range(_NOISE_ROUNDS):
+        if not isinstance(observation, WeighsPriors) or not len(observation.extra_residuals(solution.values)[0]):
+            break
+        # the noise that is left
+        unit_sigma = _residual_sigma(observation, observed, solution)[1]
+        sigma = max(unit_sigma / observed.typical_weight, _LEAST_WEIGHING)
+        if not np.isfinite(unit_sigma) or abs(sigma / observation.sigma - 1) < _SETTLED_NOISE:
+            break
+        # the fit with priors of that weight, to first order; again where that moves the predictions
+        before, observation = observation, observation.weighed(sigma)
+        linear = _linearly_reweighed(before, observation, observed, solution)
+        if linear is not None:
+            return observation, linear
+        solution = _solved(observation, observed, solution.free, solution.values, options)
+    return observation, solution
+
+
+def _linearly_reweighed(before: Observation, after: Observation, observed: Observations, solution: Fit) -> Fit | None:
+    """Return the fit with priors of another weight to first order; None where that is not exact."""
+    old, (residual, rows) = (weighted_constraints(each, observed)(solution.values) for each in (before, after))
+    ratio = np.linalg.norm(old[1], axis=1) / np.linalg.norm(rows, axis=1)
+    if solution.status != "converged" or solution.other is not None or (ratio > 1).any():
+        return None
+    more = np.sqrt(1 - ratio**2)  # of each row, which had ``ratio`` of its weight already
+    found, moved = solution.beside(more * residual, more[:, None] * rows)
+    return found if moved < _EXACT_M * observed.typical_weight * np.sqrt(len(observed.inputs)) else None
 
 
 def _refuse_too_few_poses(
@@ -360,8 +421,10 @@ class _MAPFit:
     sigma: float
     weight: float
 
-    def acts_like(self, other: "_MAPFit") -> bool:
+    def acts_like(self, other: "_MAPFit | None") -> bool:
         """Check whether two priors act in as many directions, at nearly the same scale."""
+        if other is None:
+            return False
         same_scale = abs(other.prior.scale / self.prior.scale - 1) < _SETTLED_SCALE
         return self.prior.acts_in == other.prior.acts_in and same_scale
 
@@ -416,16 +479,17 @@ class _MAPProblem:
         if needs_no_prior(prior, plain, self.structure, sigma, sigma_given=self.sigma_given):
             return None
         columns = tuple(i for i in self.structure.identifiable if i in plain.free or i in prior.of)
-        values, earlier = (plain.values, plain.cost_trace[:-1]) if usable else (self.start, ())
+        values, earlier, known = self._beginning(plain, columns)
         best: _MAPFit | None = None
         for _ in range(_PRIOR_ROUNDS):
             # the directions in which the measurements determine less than the prior, at its likeliest scale
             weight = _prior_weight(sigma, sigma_given=self.sigma_given)
-            acting, directions = self._acting(prior, columns, values, weight)
+            acting, directions = self._acting(prior, known, columns, values, weight)
             if not acting.acts_in:
                 return best
             # the fit with the prior along these
-            solution = self._fitted(acting, weight, columns, values)
+            near, moved = _with_prior(known, values, acting.rows(weight))
+            solution = self._fitted(acting, weight, columns, near)
             solution = replace(solution, cost_trace=(*earlier, *solution.cost_trace))  # all steps that led there
             if solution.status != "converged" and (usable or best is not None):
                 return best
@@ -433,16 +497,34 @@ class _MAPProblem:
                 left = directions.left_by_prior(acting.scale)
                 dof, sigma = _residual_sigma(self.observation, self.observed, solution, left)
             before, best = best, _MAPFit(acting, solution, dof, sigma, weight)
-            values, earlier = solution.values, solution.cost_trace[:-1]
-            if before is not None and before.acts_like(best):
+            values, earlier, known = solution.values, solution.cost_trace[:-1], None
+            if moved < self._unmoved * weight or best.acts_like(before):
                 break
         return best
 
+    def _beginning(self, plain: Fit, columns: Sequence[int]) -> tuple[Array, tuple[float, ...], Fit | None]:
+        """Return where the fit begins, the costs of the steps before, and the fit of these columns that ended there."""
+        if plain.status != "converged":
+            return self.start, (), None
+        return plain.values, plain.cost_trace[:-1], plain if set(columns) == set(plain.free) else None
+
+    @property
+    def _unmoved(self) -> float:
+        """Whitened norm, in units of the noise, of a move of the predictions that changes no direction's weight."""
+        return _UNMOVED * float(np.sqrt(seen_mask(self.observed.points).sum()))
+
     def _acting(
-        self, prior: Prior, columns: Sequence[int], values: Array, weight: float
+        self, prior: Prior, known: Fit | None, columns: Sequence[int], values: Array, weight: float
     ) -> tuple[ActingPrior, PriorDirections]:
-        """Return the prior along the directions that are weakly observable at some values, and all directions."""
-        triangle, right = self._linear(columns, values)
+        """Return the prior along the directions that are weakly observable at some values, and all directions.
+
+        Args:
+            known: the converged fit of these columns that ended at ``values``; None where there is none.
+        """
+        if known is None:
+            triangle, right = self._linear(columns, values)
+        else:
+            columns, triangle, right = known.free, known.triangle * known.scale, np.zeros(len(known.free))
         directions = directions_of(prior, triangle / weight, right / weight, columns, values)
         scale, scale_from = directions.scale()
         weak = directions.weak(scale)
@@ -453,7 +535,7 @@ class _MAPProblem:
             scale=scale,
             scale_from=scale_from,
             directions=len(weak),
-            plain_condition=scaled_condition(triangle),
+            plain_condition=scaled_condition(np.delete(triangle, _sizes(self.observation.model, columns), axis=1)),
         )
         return acting, directions
 
@@ -474,6 +556,22 @@ class _MAPProblem:
 
         both = triangle_of(parts())
         return both[: len(index), :-1], both[: len(index), -1]
+
+
+def _with_prior(found: Fit | None, values: Array, prior: ExtraResiduals) -> tuple[Array, float]:
+    """Return the parameters ``(p,)`` with a prior beside a fit, to first order, and how far that moves predictions.
+
+    Without a fit, ``values`` and infinity.
+    """
+    if found is None:
+        return values, np.inf
+    beside, moved = found.beside(*prior(found.values))
+    return beside.values, moved
+
+
+def _sizes(model: Model, columns: Sequence[int]) -> tuple[int, ...]:
+    """Return which of some columns are sizes of artefacts."""
+    return tuple(k for k, i in enumerate(columns) if model.parameters[i].group == SIZE)
 
 
 def needs_no_prior(prior: Prior, plain: Fit, structure: BaseSet, sigma: float, *, sigma_given: bool) -> bool:

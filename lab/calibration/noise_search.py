@@ -14,6 +14,7 @@ import scipy  # its parts are loaded at their first use, which not every process
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identification import Identification
 from lab.calibration.observation import Observation, observation_of, only_positions
+from lab.calibration.prior import ActingPrior
 from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_errors, is_doubted
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
@@ -252,6 +253,7 @@ def _without_counts(model: Model, data: Measurements, values: Array, root: Array
     return float(np.exp(scipy.optimize.brentq(excess, low, high + 1.0)))
 
 
+_FELT = 1e-9  # of the squares of what a prior changes: less in the readings is rounding
 _ROUNDS = 3  # of outliers and the noise that they are judged by
 
 
@@ -276,12 +278,12 @@ def outliers_among_fitted(
         sigma_given=sigma_given,
         things=observation.positions or None,
     )
-    if start.prior is not None and start.prior.automatic:  # the fit weighs it by a sigma that outliers inflate
+    if (prior := _felt_prior(start)) is not None:  # the fit weighs it by a sigma that outliers inflate
         beside, sigma = weighted_constraints(observation, observations), 1.0
         if not sigma_given:
-            unweighted = joined(beside, start.prior.rows(LEAST_SIGMA_M))
+            unweighted = joined(beside, prior.rows(LEAST_SIGMA_M))
             sigma = _sigma_without(searched(extra_residuals=unweighted, rng=rng_for(seed, "null"), shape=shape), alone)
-        extra = joined(beside, start.prior.rows(sigma))
+        extra = joined(beside, prior.rows(sigma))
     # with the tails that the noise has without them, where these are heavy
     search = partial(searched, extra_residuals=extra)
     found = search(rng=rng_for(seed, "null"), shape=shape)
@@ -295,6 +297,20 @@ def outliers_among_fitted(
     if np.isinf(tail):
         return found
     return search(rng=rng_for(seed, "null"), shape=NoiseDistribution("student", dof=tail))
+
+
+def _felt_prior(found: Identification) -> ActingPrior | None:
+    """Return an automatic prior that determines some directions together with the readings; None without such a one.
+
+    Along directions that no reading shows (the size of an arm at a printed board) its weight changes no residual.
+    """
+    if found.prior is None or not found.prior.automatic:
+        return None
+    # how the prior moves the parameters, and by how much that changes all rows and the rows that are no readings
+    rows = found.extra_residuals(found.values)[1][:, list(found.fit.free)]
+    moves = found.fit.unit_covariance() @ rows[-found.prior.acts_in :].T
+    of_all, beside = (float(np.sum((each @ moves) ** 2)) for each in (found.fit.triangle * found.fit.scale, rows))
+    return found.prior if of_all - beside > _FELT * beside else None
 
 
 def _sized(found: Outliers, observation: Observation, rows: Measurements) -> Outliers:

@@ -21,6 +21,7 @@ __all__ = [
     "Points",
     "UnscaledObservation",
     "UnsizedObservation",
+    "WeighsPriors",
     "no_extra_residuals",
     "observation_of",
     "only_positions",
@@ -90,6 +91,18 @@ class UnsizedObservation(Observation, Protocol):
     @property
     def scale_link(self) -> int:
         """Index of the length that stays nominal where the size is not shown."""
+
+
+@runtime_checkable
+class WeighsPriors(Observation, Protocol):
+    """Observation whose own parameters have priors in units of their own, which weigh by the noise of the readings."""
+
+    @property
+    def sigma(self) -> float:
+        """Noise of a reading where its unit is one, by which ``extra_residuals`` weighs the priors."""
+
+    def weighed(self, sigma: float) -> Self:
+        """Return the observation whose priors weigh by this noise."""
 
 
 @runtime_checkable

@@ -20,7 +20,7 @@ from lab.calibration.gauss_newton import ExtraResiduals
 from lab.core.se3 import Array
 from lab.kinematics.gauge import BaseSet
 from lab.kinematics.model import Model
-from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
+from lab.kinematics.parameter import SIZE, TOLERANCE_M, TOLERANCE_RAD
 
 __all__ = [
     "ActingPrior",
@@ -189,9 +189,15 @@ def _unit(columns: Array) -> Array:
 
 
 def standard_deviations(model: Model, tolerance: Tolerance) -> Array:
-    """Return the standard deviations ``(p,)``: tolerances of links, sizes of effects, else infinite."""
+    """Return the standard deviations ``(p,)``: tolerances of links, sizes of effects, else infinite.
+
+    The prior of an artefact's size is the observation's own: here it has none.
+    """
     links = {True: tolerance.angle_rad, False: tolerance.length_m}
-    return np.array([links[each.is_angle] if each.is_link else each.scale for each in model.parameters])
+    others = [np.inf if each.group == SIZE else each.scale for each in model.parameters]
+    return np.array(
+        [links[each.is_angle] if each.is_link else size for each, size in zip(model.parameters, others, strict=True)]
+    )
 
 
 def prior_of(

@@ -16,7 +16,7 @@ __all__ = ["COMMANDS", "all_commands", "command_named", "grouped_commands"]
 _GROUP = "lab.commands"  # of entry points
 _SENSOR = (
     *("cameras", "noise_px", "orientation", "noise_mrad", "method", "socket_distance_mm"),
-    *("artefact_u_mm", "tip_radius_mm"),
+    *("size_u_percent", "tip_radius_mm"),
 )
 _FIT = OptionGroup("model and fit", ("model", "robust", "prior", "fix"), ("fitting",))
 _VERDICT = OptionGroup("verdict", ("gate_mm", "require"), ("region", "date", "serial"))

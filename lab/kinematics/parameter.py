@@ -11,6 +11,7 @@ from lab.core.units import DEGREES, MM, MRAD, PPM, Unit
 
 __all__ = [
     "BASE_PARAMETERS",
+    "SIZE",
     "TOLERANCE_M",
     "TOLERANCE_RAD",
     "Kind",
@@ -32,6 +33,7 @@ __all__ = [
 Kind = Literal["length", "angle", "ratio", "compliance", "section", "mass", "length rate", "angle rate", "ratio rate"]
 
 TOLERANCE_M, TOLERANCE_RAD = 0.5e-3, 1.5e-3  # default standard deviations of a link's manufacture
+SIZE: Final = "size"  # group: shares by which artefacts are larger than stated
 _UNITS: Final[Mapping[Kind, Unit]] = {
     "length": MM,
     "angle": DEGREES,
@@ -156,13 +158,20 @@ def tool_parameters(positions: Mapping[str, Array]) -> tuple[Parameter, ...]:
 
 
 def placed_parameters(
-    owner: str, group: str, symbols: Sequence[str], *, rate: bool = False, scaled: bool = False
+    owner: str,
+    group: str,
+    symbols: Sequence[str],
+    *,
+    rate: bool = False,
+    scaled: bool = False,
+    scale: float = np.inf,
 ) -> tuple[Parameter, ...]:
     """Return coordinates of a frame or a fixture: angles ``rx``, ``ry``, ``rz``, a ratio ``scale``, else lengths.
 
     Args:
         rate: changes per hour.
-        scaled: an effect with a typical size; else there is no prior information.
+        scaled: an effect with a typical size.
+        scale: the typical size (SI) of another; without prior information where it is infinite.
     """
     found = []
     for symbol in symbols:
@@ -170,8 +179,8 @@ def placed_parameters(
         if rate:
             rates: Mapping[Kind, Kind] = {"length": "length rate", "angle": "angle rate", "ratio": "ratio rate"}
             kind = rates[kind]
-        scale = _EFFECT_SCALES[kind] if scaled else np.inf
-        found.append(Parameter(owner, symbol, group, kind, _UNITS[kind], scale))
+        size = _EFFECT_SCALES[kind] if scaled else scale
+        found.append(Parameter(owner, symbol, group, kind, _UNITS[kind], size))
     return tuple(found)
 
 

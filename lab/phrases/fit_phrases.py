@@ -132,6 +132,21 @@ def _geometry_alone(check: Check) -> str:
     return f"{check.data['file']} cannot store {groups}; used alone it is {error} off at these poses"
 
 
+def _artefact_size(check: Check) -> str:
+    data = check.data
+    share, half, stated = (f"{100 * data[key]:.2g} %" for key in ("share", "half_width_95", "stated"))
+    if not data["corrected"]:
+        return (
+            f"the arm's size rests on that of {data['artefact']}, whose standard uncertainty is {stated}; "
+            f"--size-u-percent states another one"
+        )
+    change = "larger" if data["share"] > 0 else "smaller"
+    return (
+        f"{data['artefact']} is {share.removeprefix('-')} {change} than stated (95 %: ±{half}), by the arm's "
+        f"tolerances and all readings; its own standard uncertainty is {stated} (--size-u-percent)"
+    )
+
+
 def _stalled(check: Check) -> str:
     weak = ", ".join(check.data["weak"])
     return (
@@ -188,6 +203,7 @@ PHRASES: Mapping[str, Phrase] = {
         "to it; give a measured distance of sockets (--socket-distance-mm), touch opposite faces of a cube, or use a "
         "board of known size, or a cable's length"
     ),
+    "size.artefact": _artefact_size,
     "instrument.uneven": (
         "{source} states {best_m:µm 2} in one direction and {worst_m:µm 2} in another, so errors of the reflector's "
         "nest get too much weight: state nest_um and lock_on_um in [systematic]"

@@ -232,7 +232,7 @@ def _missing_for_folds(identification: Identification, data: Measurements, rows:
         if why := few_points_of_a_station(identification.model, data[rows != fold]):
             return _not_without_a_fold(why)
     numbers, points = data.points.shape[2], data.seen.sum(axis=1)
-    identifiable = len(identification.base_set.identifiable)
+    identifiable = len(identification.base_set.identifiable) - len(identification.fit.aside)
     fewest = min(numbers * int(points[rows != fold].sum()) for fold in range(count))
     if count >= _LEAST_FOLDS and fewest >= ROWS_PER_PARAMETER * identifiable:
         return None

@@ -4,9 +4,8 @@ A cube has faces, a plate has spheres, a bar has one end in a socket. What is kn
 frame is a row of numbers; the pose of the artefact is fitted. As its dimensions are known, contacts determine the size
 of the arm too, where the touched features are a known distance apart.
 
-All dimensions of an artefact are larger than stated by one factor: the temperature and the calibration of an artefact
-are errors of that kind. Where its standard uncertainty is given, the factor is a parameter with a prior of that size;
-no contact tells it from the size of the arm, so that the uncertainty goes into the arm's lengths as it is.
+All dimensions of an artefact are larger than stated by one factor, whose uncertainty ``lab/sensors/size.py`` gives.
+No contact tells that factor from the size of the arm, so the uncertainty goes into the arm's lengths as it is.
 """
 
 from abc import abstractmethod
@@ -18,9 +17,6 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.fit_options import FitOptions
-from lab.calibration.identification import identify
-from lab.calibration.weights import Noise
 from lab.core.errors import LabError, option_name
 from lab.core.limits import positive
 from lab.core.measurements import FIXTURE, Measurements
@@ -28,15 +24,15 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array, exp, left_jacobian, log, skew, transform
 from lab.core.units import MM
 from lab.kinematics.model import Model
-from lab.kinematics.parameter import Parameter, placed_parameters
+from lab.kinematics.parameter import Parameter
 from lab.sensors.contact import FixtureSimulation
 from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, PredictedReadings, labels_by_location
-from lab.sensors.sensor_options import ArtefactOptions, FitInputs, VirtualSetup
+from lab.sensors.sensor_options import FitInputs, ProbeOptions, SizeOptions, VirtualSetup
+from lab.sensors.size import MACHINED, size_parameters, stated_size_u
 
 __all__ = ["FEATURE", "Artefact", "ArtefactSensor"]
 
 FEATURE = f"{FIXTURE}'s feature"  # condition: number of the touched feature, in ``Artefact.features``
-_EXACT_M = 1e-9  # residuals below this are those of the arithmetic
 _STARTS = np.array([exp(np.array(v)) for v in ((0, 0, 0), (np.pi, 0, 0), (0, np.pi, 0), (0, 0, np.pi))])
 _THIRDS = np.array([exp(k * 2 * np.pi / 3 / np.sqrt(3) * np.ones(3)) for k in range(3)])
 _QUARTERS = np.array([np.eye(3), exp(np.array([0.0, 0.0, np.pi / 2]))])
@@ -55,13 +51,12 @@ class Artefact(Fixtures):
     Attributes:
         features: what is known of each feature in the artefact's frame, by its number: m, and components of normals.
         touched: pairs of an artefact's number and a feature's, as touched.
-        prior_m: weight of the knowledge that the dimensions are as stated: the noise times the artefact's size over the
-            standard uncertainty of that size. 0 where the dimensions are exact.
+        size_u: standard uncertainty of the factor of all dimensions; 0 where they are exact.
     """
 
     features: tuple[tuple[float, ...], ...] = ()
     touched: tuple[tuple[int, int], ...] = ()
-    prior_m: float = 0.0
+    size_u: float = 0.0
     axes: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")
     row_conditions: ClassVar[tuple[str, ...]] = (FEATURE, FIXTURE)
     contact: ClassVar[bool] = True
@@ -71,17 +66,7 @@ class Artefact(Fixtures):
     @property
     def shared(self) -> tuple[Parameter, ...]:
         """The factor of all dimensions less one, where it is uncertain."""
-        return placed_parameters(self.group, "artefact", ("scale",), scaled=True) if self.prior_m else ()
-
-    @property
-    def placed(self) -> tuple[str, ...]:
-        """The artefacts and the target; the factor of the dimensions has a nominal value."""
-        return (self.group, "tool")
-
-    @property
-    @abstractmethod
-    def size_m(self) -> float:
-        """The longest known dimension (m), of which the standard uncertainty is given."""
+        return size_parameters(self.group, self.size_u)
 
     @abstractmethod
     def gap(self, near: Array, known: Array, scale: float) -> tuple[Array, Array, Array]:
@@ -179,13 +164,6 @@ class Artefact(Fixtures):
         """Return row conditions ``(count, 2)`` for decisions on rank: each touched feature in turn."""
         return np.resize(np.array([(feature, number) for number, feature in self.touched], float), (count, 2))
 
-    def extra_residuals(self, values: Array) -> tuple[Array, Array]:
-        """Return that the factor of the dimensions is one, as surely as they are known."""
-        residuals, rows = np.zeros(len(self.shared)), np.zeros((len(self.shared), len(self.names)))
-        for row, column in enumerate(range(len(self.arm.names), self.first)):
-            residuals[row], rows[row, column] = -self.prior_m * values[column], self.prior_m
-        return residuals, rows
-
 
 def _pairs(data: Measurements) -> tuple[tuple[int, int], ...]:
     columns = [data.conditions[name].astype(np.int_).tolist() for name in (FIXTURE, FEATURE)]
@@ -197,35 +175,31 @@ class ArtefactSensor(FixtureSensor):
     """Contacts with the features of an artefact.
 
     Attributes:
-        u_m: standard uncertainty (m) of the artefact's longest dimension; None where its dimensions are exact.
+        size_u: standard uncertainty of the factor of all dimensions; 0 where they are exact.
         tip_m: known radius (m) of the ball that touches; 0 for a point.
-        noise_m: assumed noise of a contact (m); None where it is estimated.
     """
 
-    flags: ClassVar[type[ArtefactOptions]] = ArtefactOptions
+    flags: ClassVar[type[SizeOptions]] = SizeOptions
     setup: ClassVar[tuple[str, ...]] = ("fixtures", "artefact_mm")
 
-    u_m: float | None = None
+    size_u: float = MACHINED
     tip_m: float = 0.0
-    noise_m: float | None = None
 
     @classmethod
-    def configured(cls, options: ArtefactOptions, fit: FitInputs) -> Self:
+    def configured(cls, options: SizeOptions, fit: FitInputs) -> Self:
         """Return the sensor with the uncertainty of its artefact, and the radius of the ball that touches.
 
         Raises:
-            LabError: an instrument or a validation file is given, or a length is not above zero.
+            LabError: an instrument or a validation file is given, a radius is not above zero, or an uncertainty is
+                below.
         """
         fit.refuse_those_of_points(cls.name)
-        given = {"artefact_u_mm": options.artefact_u_mm, "tip_radius_mm": getattr(options, "tip_radius_mm", None)}
-        lengths: dict[str, float | None] = {"artefact_u_mm": None, "tip_radius_mm": None}
-        for name in (name for name in given if hasattr(cls.flags, name)):
-            if (value := given[name]) is not None:
-                positive(option_name(name), value)
-                lengths[name] = MM.to_si(value)
-        u_m, tip_m = lengths.values()
-        noise_m = None if u_m is None or fit.noise_mm is None else MM.to_si(fit.noise_mm)
-        return cls(u_m, tip_m or 0.0, noise_m)
+        size_u = stated_size_u(options.size_u_percent, MACHINED)
+        radius_mm = options.tip_radius_mm if isinstance(options, ProbeOptions) else None
+        if radius_mm is None or not issubclass(cls.flags, ProbeOptions):
+            return cls(size_u)
+        positive(option_name("tip_radius_mm"), radius_mm)
+        return cls(size_u, MM.to_si(radius_mm))
 
     @abstractmethod
     def known(self, data: Measurements) -> tuple[Sequence[str], Array]:
@@ -284,10 +258,8 @@ class ArtefactSensor(FixtureSensor):
         data = replace(data, conditions={**data.conditions, FEATURE: number})
         model, seen = super().observation(arm, data, nominal)
         assert isinstance(model, Artefact)
-        model = replace(model, features=features, touched=_pairs(seen))
+        model = replace(model, features=features, touched=_pairs(seen), size_u=self.size_u)
         self._refuse_undetermined(model)
-        if self.u_m is not None:
-            model = replace(model, prior_m=(self.noise_m or _EXACT_M) * model.size_m / self.u_m)
         return model, seen
 
     def _refuse_undetermined(self, model: Artefact) -> None:
@@ -296,24 +268,6 @@ class ArtefactSensor(FixtureSensor):
             used = np.array([model.features[feature] for at, feature in model.touched if at == fixture])
             if lacks := self.undetermined(used):
                 raise LabError(f"{self.model.group} {label or 'of the file'}: {lacks}")
-
-    def balanced(self, model: Model, data: Measurements, nominal: Array, options: FitOptions) -> Model:
-        """Return the model with the artefact's uncertainty weighed against the residuals, where no noise was given."""
-        assert isinstance(model, Artefact)
-        if self.u_m is None or self.noise_m is not None:
-            return model
-        certain = replace(model, prior_m=0.0)
-        exact = identify(certain, data, nominal, Noise(), options.of(certain.names))
-        if not (sigma_m := exact.residual_sigma_m) > _EXACT_M:
-            raise LabError(
-                f"{option_name('artefact_u_mm')} is weighed against the noise of contacts, and these have none to "
-                f"estimate it by: give {option_name('noise_mm')}, or measure more"
-            )
-        return replace(model, prior_m=sigma_m * model.size_m / self.u_m)
-
-    def true_scale(self, arm: FixtureSimulation, size_m: float) -> float:
-        """Draw the true factor of the dimensions of a simulated artefact of this size, less one."""
-        return 0.0 if self.u_m is None else float(arm.rng.standard_normal()) * self.u_m / size_m
 
     def on_a_table(
         self, arm: FixtureSimulation, setup: VirtualSetup, corners: Array, features: int

@@ -17,6 +17,7 @@ from lab.sensors.cable import trilaterated
 from lab.sensors.contact import DrawnContacts, FixtureSimulation
 from lab.sensors.fixtures import NONE, Fixtures, known_lengths
 from lab.sensors.sensor_options import VirtualSetup
+from lab.sensors.size import drawn_size
 
 __all__ = ["BallBar", "BallBarSensor"]
 
@@ -34,11 +35,6 @@ class BallBar(Artefact):
     starts: ClassVar[int] = Fixtures.starts
     draws: ClassVar[int] = Fixtures.draws
 
-    @property
-    def size_m(self) -> float:
-        """The longest bar."""
-        return max(length for (length,) in self.features)
-
     def centres(self, known: Array) -> Array:
         """Return the socket, which is the origin."""
         return np.zeros((len(known), 3))
@@ -55,7 +51,7 @@ class BallBar(Artefact):
     def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
         """Draw sockets ``(k, 3)``, one bar's length from the points."""
         away = rng.standard_normal(points.shape)
-        return np.asarray(points + self.size_m * away / np.linalg.norm(away, axis=1, keepdims=True))
+        return np.asarray(points + max(self.features)[0] * away / np.linalg.norm(away, axis=1, keepdims=True))
 
     def at_base(self, placed: Array, T_base_instrument: Array, scale: float) -> Array:
         """Return sockets ``(k, 3)`` in the base's frame."""
@@ -98,7 +94,7 @@ class BallBarSensor(ArtefactSensor):
         """Draw sockets within reach, about each of which the bar swings."""
         sockets, near = arm.reachable_points(setup.fixtures)
         length_m, count = MM.to_si(setup.artefact_mm), len(arm.bad)
-        scale, number = self.true_scale(arm, length_m), np.arange(count) % setup.fixtures
+        scale, number = drawn_size(self.size_u, arm.rng), np.arange(count) % setup.fixtures
 
         def gap(points: Array, rows: NDArray[np.int_]) -> Array:
             away = np.linalg.norm(points[:, 0] - arm.displaced[rows] - sockets[number[rows]], axis=1)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lab.calibration.fit_options import FitOptions
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identification import Identification, component_variances, identify
-from lab.calibration.observation import Observation, UnsizedObservation, observation_of
+from lab.calibration.observation import Observation, UnsizedObservation, WeighsPriors, observation_of
 from lab.calibration.sensor import SensorTerms
 from lab.calibration.weights import Noise
 from lab.core import se3
@@ -35,6 +35,7 @@ from lab.sensors.fixtures import Fixtures
 from lab.sensors.full_pose import Poses
 from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
 from lab.sensors.sensor_registry import JOINED, sensor_named
+from lab.sensors.size import LEAST_NOISE
 from lab.sensors.tip import longest_link, with_tip
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.tracking import VirtualMeasurement
@@ -58,14 +59,6 @@ class OnTips(Protocol):
     @property
     def carried(self) -> tuple[int, ...]:
         """Indices of its own parameters of what tips carry."""
-
-
-@runtime_checkable
-class WeighsPriors(Protocol):
-    """An observation with priors of its own parameters, which weigh by the noise of its readings."""
-
-    def weighed(self, sigma: float) -> Observation:
-        """Return the observation whose priors weigh by this noise (SI unit of a reading)."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +105,7 @@ class Combined:
         ratios: noise of each sensor's unit where that of the first is 1.
         in_frame: whether positions in the instrument's frame are observed: else the base is at the origin.
         typical: root mean square of 1 / ``units`` over the observed numbers.
+        sigma: noise of a number of typical weight by which priors of the sensors weigh.
         parameters: the arm's, then each sensor's own.
         names: of the parameters.
     """
@@ -122,6 +116,7 @@ class Combined:
     ratios: tuple[float, ...]
     in_frame: bool
     typical: float = 1.0
+    sigma: float = LEAST_NOISE
     parameters: tuple[Parameter, ...] = field(init=False, repr=False)
     names: tuple[str, ...] = field(init=False)
     shares: tuple[_Share, ...] = field(init=False, repr=False)
@@ -328,6 +323,15 @@ class Combined:
             rows.append(weight * wide)
         return np.concatenate([np.empty(0), *residuals]), np.concatenate([np.empty((0, len(self.names))), *rows])
 
+    def weighed(self, sigma: float) -> Self:
+        """Return the model whose sensors' priors weigh by this noise of a number of typical weight."""
+        parts = list(self.parts)
+        for share in self.shares:
+            if isinstance(share.observation, WeighsPriors):
+                ratio = self.ratios[share.number]
+                parts[share.number] = share.observation.weighed(sigma * self.typical * ratio)
+        return replace(self, parts=tuple(parts), sigma=sigma)
+
     def errors(self, data: Measurements, values: Array) -> Array:
         """Return lengths ``(n, K)`` in m as each sensor counts them, in the column of the first number; else NaN.
 
@@ -487,7 +491,7 @@ class CombinedSensor(VirtualSensor):
             if not np.isfinite(variances).all() or (np.sqrt(variances) < _EXACT).any():
                 return model
             changes = np.sqrt(variances / variances[0])
-            model = _rescaled(model, changes, float(np.sqrt(variances[0])))
+            model = _rescaled(model, changes)
             model = replace(model, typical=_typical(model, data))
             if np.abs(changes - 1).max() < _SETTLED:
                 break
@@ -573,16 +577,14 @@ def _typical(model: Combined, data: Measurements) -> float:
     return float(np.sqrt(np.mean(1 / units**2)))
 
 
-def _rescaled(model: Combined, changes: Array, sigma: float) -> Combined:
-    """Return the model with units changed by group, and the noise by which priors of sensors weigh."""
+def _rescaled(model: Combined, changes: Array) -> Combined:
+    """Return the model with units changed by group."""
     parts, ratios, group = list(model.parts), list(model.ratios), 0
     for share in model.shares:
         own = share.observation
         ratios[share.number] *= float(changes[group])
         if isinstance(own, Poses):
             parts[share.number] = replace(own, ratio=own.ratio * float(changes[group + 1] / changes[group]))
-        elif isinstance(own, WeighsPriors):
-            parts[share.number] = own.weighed(sigma * ratios[share.number])
         group += share.kinds
     return replace(model, parts=tuple(parts), ratios=tuple(ratios))
 

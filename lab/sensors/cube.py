@@ -16,6 +16,7 @@ from lab.sensors.artefact import Artefact, ArtefactSensor
 from lab.sensors.contact import DrawnContacts, FixtureSimulation
 from lab.sensors.fixtures import Fixtures, known_lengths
 from lab.sensors.sensor_options import ProbeOptions, VirtualSetup
+from lab.sensors.size import drawn_size
 
 __all__ = ["Cube", "CubeSensor"]
 
@@ -36,11 +37,6 @@ class Cube(Artefact):
 
     group: ClassVar[str] = "cube"
     least_rows: ClassVar[int] = 7
-
-    @property
-    def size_m(self) -> float:
-        """The longest edge."""
-        return 2 * max(half for _, _, _, half, _ in self.features)
 
     def centres(self, known: Array) -> Array:
         """Return the centres of the faces."""
@@ -97,7 +93,7 @@ class CubeSensor(ArtefactSensor):
         """Touch the five free faces of cubes on a table."""
         edge_m = MM.to_si(setup.artefact_mm)
         frames, near, cube, face = self.on_a_table(arm, setup, edge_m / 2 * _VERTICES, len(_ON_A_TABLE))
-        scale = self.true_scale(arm, edge_m)
+        scale = drawn_size(self.size_u, arm.rng)
         normals = np.array([_FACES[name] for name in _ON_A_TABLE])[face]
         aside = _WITHIN * edge_m / 2 * arm.rng.uniform(-1, 1, (len(face), 3)) * (normals == 0)
         on = aside + normals * ((1 + scale) * edge_m / 2 + self.tip_m + arm.noise)

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identification import Identification
-from lab.calibration.observation import no_extra_residuals
 from lab.core import se3
 from lab.core.errors import LabError, counted, option_name
 from lab.core.measurements import FIXTURE, Measurements
@@ -30,12 +29,13 @@ from lab.core.units import MM
 from lab.diagnosis.hypothesis import Hypothesis
 from lab.kinematics.gauge import placed_after_tool, scale_link
 from lab.kinematics.model import Model, RigidArm
-from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
+from lab.kinematics.parameter import SIZE, Parameter, indices_of_groups, names_of, placed_parameters
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.contact import POINT, TOUCHING, DrawnContacts, FixtureSimulation
 from lab.sensors.fixture_mistakes import exchanged_fixtures, moved_fixtures, placed_fixtures, scaled_readings
 from lab.sensors.sensor_options import FitInputs, SensorOptions, VirtualSetup
+from lab.sensors.size import LEAST_NOISE, size_residuals
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot
@@ -85,6 +85,7 @@ class Fixtures(ABC):
         nominal_arm: ``(arm's p,)`` its nominal parameters, base at the origin.
         numbers: of the fixtures, as in the condition ``fixture``, ascending.
         labels: of the fixtures, as in the names of their parameters: ``anchor.<label>.x``; "" if it has no name.
+        sigma: noise (m) of a reading by which the prior of a known size weighs.
         parameters: the arm's, those that all fixtures share, then those of each fixture.
         names: of the parameters.
     """
@@ -93,6 +94,7 @@ class Fixtures(ABC):
     nominal_arm: Array
     numbers: tuple[int, ...]
     labels: tuple[str, ...]
+    sigma: float = field(default=LEAST_NOISE, kw_only=True)
     parameters: tuple[Parameter, ...] = field(init=False, repr=False)
     names: tuple[str, ...] = field(init=False)
     group: ClassVar[str]  # name of a fixture
@@ -179,8 +181,8 @@ class Fixtures(ABC):
 
     @property
     def placed(self) -> tuple[str, ...]:
-        """The fixtures, the target, and what these share."""
-        return (self.group, "tool", *(parameter.group for parameter in self.shared))
+        """The fixtures, the target, and what these share; a known size has a nominal value."""
+        return (self.group, "tool", *(parameter.group for parameter in self.shared if parameter.group != SIZE))
 
     @property
     def units(self) -> Array:
@@ -313,8 +315,12 @@ class Fixtures(ABC):
         return np.concatenate([values[: self.first], *found])
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
-        """Return no further residuals."""
-        return no_extra_residuals(self)
+        """Return the prior of a known size, if it has one."""
+        return size_residuals(self.parameters, values, self.sigma)
+
+    def weighed(self, sigma: float) -> Self:
+        """Return the model whose prior of a known size weighs by this noise (m)."""
+        return replace(self, sigma=sigma)
 
     def errors(self, data: Measurements, values: Array) -> Array:
         """Return lengths ``(n, 1)`` in m of the residuals, where these rows place fixtures that ``values`` lack.

@@ -10,12 +10,12 @@ from lab.core.errors import LabError, option_name
 from lab.core.orientation import AngleConvention
 
 __all__ = [
-    "ArtefactOptions",
     "CameraOptions",
     "FitInputs",
     "PoseOptions",
     "ProbeOptions",
     "SensorOptions",
+    "SizeOptions",
     "SocketOptions",
     "VirtualSetup",
 ]
@@ -34,7 +34,16 @@ class PoseOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SocketOptions:
+class SizeOptions:
+    """Options of an artefact of known dimensions."""
+
+    size_u_percent: float | None = None
+    """Standard uncertainty of all lengths of a board, cube, plate, bar or pair of sockets, as one share; 0 for exact.
+    By default 0.5 for printed boards, 0.005 for cubes, plates and bars, 0.1 for the distance of sockets."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SocketOptions(SizeOptions):
     """Options of a ball in sockets."""
 
     socket_distance_mm: float | None = None
@@ -42,15 +51,7 @@ class SocketOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ArtefactOptions:
-    """Options of an artefact."""
-
-    artefact_u_mm: float | None = None
-    """Standard uncertainty of the longest known length of a cube, a sphere plate or a ball bar; exact without."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProbeOptions(ArtefactOptions):
+class ProbeOptions(SizeOptions):
     """Options of an artefact whose surfaces are touched."""
 
     tip_radius_mm: float | None = None
@@ -58,7 +59,7 @@ class ProbeOptions(ArtefactOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraOptions:
+class CameraOptions(SizeOptions):
     """Options of corners of boards in pictures."""
 
     cameras: Path | None = None

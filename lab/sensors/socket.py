@@ -16,10 +16,12 @@ from lab.core.units import MM
 from lab.diagnosis.hypothesis import Hypothesis
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model, RigidArm
+from lab.kinematics.parameter import Parameter
 from lab.sensors.contact import DrawnContacts, FixtureSimulation
 from lab.sensors.fixture_mistakes import LENGTH_UNITS
 from lab.sensors.fixtures import NONE, FixtureRows, Fixtures, FixtureSensor, PredictedReadings, refuse_blank
 from lab.sensors.sensor_options import FitInputs, SocketOptions, VirtualSetup
+from lab.sensors.size import SOCKET_DISTANCE, drawn_size, size_parameters, size_residuals, stated_size_u
 
 __all__ = ["SocketSensor", "Sockets"]
 
@@ -38,34 +40,43 @@ class Sockets(Fixtures):
 
     Attributes:
         distance_m: between the two sockets of every location; None if it is not given.
+        size_u: standard uncertainty of the factor of all these distances; 0 where they are exact.
     """
 
     distance_m: float | None = None
+    size_u: float = 0.0
     group: ClassVar[str] = "socket"
     least_rows: ClassVar[int] = 2
     contact: ClassVar[bool] = True
 
+    @property
+    def shared(self) -> tuple[Parameter, ...]:
+        """The factor of the given distances less one, where it is uncertain."""
+        return () if self.distance_m is None else size_parameters(self.group, self.size_u)
+
     def predict(self, points: Array, fixtures: Array, rows: Array = NONE, shared: Array = NONE) -> PredictedReadings:
         """Return vectors ``(n, 3)`` from the centres."""
         one = np.broadcast_to(np.eye(3), (len(points), 3, 3))
-        return PredictedReadings(points - fixtures, one, -one, np.empty((len(points), 3, 0)))
+        return PredictedReadings(points - fixtures, one, -one, np.zeros((len(points), 3, len(shared))))
 
     def located(self, points: Array, observed: Array, rows: Array = NONE) -> Array:
         """Return the centre ``(3,)``: the mean of the points."""
         return np.asarray(points.mean(axis=0))
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
-        """Return the given distance of each pair of sockets less that of the centres."""
-        pairs = self._pairs()
+        """Return the given distance of each pair of sockets less that of the centres, and the prior of their size."""
+        pairs, shared = self._pairs(), slice(len(self.arm.names), self.first)
         rows, residuals = np.zeros((len(pairs), len(self.names))), np.zeros(len(pairs))
         for row, (i, j) in enumerate(pairs):
             a, b = (slice(self.first + 3 * k, self.first + 3 * k + 3) for k in (i, j))
             apart = float(np.linalg.norm(values[b] - values[a]))
             along = (values[b] - values[a]) / max(apart, 1e-300)
             assert self.distance_m is not None
-            residuals[row] = self.distance_m - apart
-            rows[row, a], rows[row, b] = -along, along
-        return _DISTANCE_WEIGHT * residuals, _DISTANCE_WEIGHT * rows
+            residuals[row] = self.distance_m * (1.0 + values[shared].sum()) - apart
+            rows[row, a], rows[row, b], rows[row, shared] = -along, along, -self.distance_m
+        prior, slopes = size_residuals(self.parameters, values, self.sigma)
+        residuals, rows = _DISTANCE_WEIGHT * residuals, _DISTANCE_WEIGHT * rows
+        return np.concatenate([residuals, prior]), np.concatenate([rows, slopes])
 
     def cv_groups(self, data: Measurements) -> NDArray[np.int_] | None:
         """Return labels ``(n,)`` of the rows' locations, if there are three or more."""
@@ -90,6 +101,7 @@ class SocketSensor(FixtureSensor):
 
     Attributes:
         distance_m: between the two sockets of a location; None if not given.
+        size_u: standard uncertainty of the factor of all these distances; 0 where they are exact.
     """
 
     name: ClassVar[str] = "socket"
@@ -106,19 +118,22 @@ class SocketSensor(FixtureSensor):
     numbers: ClassVar[int] = 3
 
     distance_m: float | None = None
+    size_u: float = SOCKET_DISTANCE
 
     @classmethod
     def configured(cls, options: SocketOptions, fit: FitInputs) -> Self:
         """Return the sensor of sockets at the given distance.
 
         Raises:
-            LabError: an instrument or a validation file is given, or the distance is not above zero.
+            LabError: an instrument or a validation file is given, the distance is not above zero, or its uncertainty
+                is below.
         """
         fit.refuse_those_of_points(cls.name)
+        size_u = stated_size_u(options.size_u_percent, SOCKET_DISTANCE)
         if options.socket_distance_mm is None:
-            return cls()
+            return cls(size_u=size_u)
         positive(option_name("socket_distance_mm"), options.socket_distance_mm)
-        return cls(MM.to_si(options.socket_distance_mm))
+        return cls(MM.to_si(options.socket_distance_mm), size_u)
 
     def rows(self, data: Measurements) -> NDArray[np.bool_]:
         """Return the rows ``(n,)`` that name a location and a socket."""
@@ -178,11 +193,12 @@ class SocketSensor(FixtureSensor):
                     f"{option_name('socket_distance_mm')} is that of "
                     "two; leave it out, or name pairs as locations of their own"
                 )
-        return replace(sockets, distance_m=self.distance_m)
+        return replace(sockets, distance_m=self.distance_m, size_u=self.size_u)
 
     def drawn(self, arm: FixtureSimulation, setup: VirtualSetup) -> DrawnContacts:
         """Draw locations within reach, with two sockets each: the second is around the base's axis from the first."""
-        apart_m = _APART_M if self.distance_m is None else self.distance_m
+        scale = 0.0 if self.distance_m is None else drawn_size(self.size_u, arm.rng)
+        apart_m = _APART_M if self.distance_m is None else (1 + scale) * self.distance_m
         first, near = arm.reachable_points(setup.fixtures)
         around = np.cross(arm.T_tracker_base[:3, 2], first - arm.T_tracker_base[:3, 3])
         around /= np.linalg.norm(around, axis=1, keepdims=True)
@@ -196,4 +212,5 @@ class SocketSensor(FixtureSensor):
         names = [(f"l{1 + i // 2}", _NAMES[i % 2]) for i in number.tolist()]
         locations, sockets = zip(*names, strict=True)
         placed = {f"socket.l{1 + i // 2}.{_NAMES[i % 2]}": centre for i, centre in enumerate(centres)}
+        placed["socket"] = np.array([scale])
         return DrawnContacts(near[number // 2], gap, placed, {"location": locations, "socket": sockets})

@@ -16,6 +16,7 @@ from lab.sensors.artefact import Artefact, ArtefactSensor
 from lab.sensors.contact import DrawnContacts, FixtureSimulation
 from lab.sensors.fixtures import Fixtures, known_lengths
 from lab.sensors.sensor_options import ProbeOptions, VirtualSetup
+from lab.sensors.size import drawn_size
 
 __all__ = ["SpherePlate", "SpherePlateSensor", "TouchedSpheres"]
 
@@ -33,12 +34,6 @@ class SpherePlate(Artefact):
 
     group: ClassVar[str] = "plate"
     least_rows: ClassVar[int] = 3
-
-    @property
-    def size_m(self) -> float:
-        """The longest distance between two centres."""
-        centres = np.array(self.features)[:, :3]
-        return float(np.linalg.norm(centres[:, None] - centres, axis=2).max())
 
     def centres(self, known: Array) -> Array:
         """Return the centres of the spheres."""
@@ -124,7 +119,7 @@ class SpherePlateSensor(ArtefactSensor):
         """Centre on the spheres of plates on a table, four in a square and one in its middle."""
         centres = MM.to_si(setup.artefact_mm) * _CORNERS
         frames, near, plate, sphere = self.on_a_table(arm, setup, centres, len(centres))
-        scale = self.true_scale(arm, float(np.linalg.norm(centres[2] - centres[0])))
+        scale = drawn_size(self.size_u, arm.rng)
         on = (1 + scale) * centres[sphere]
         places = transform(frames[plate], on[:, None])[:, 0] + arm.noise + arm.displaced
         texts = {"location": tuple(str(1 + i) for i in plate), "sphere": tuple(str(1 + i) for i in sphere)}

@@ -30,7 +30,7 @@ from lab.kinematics.dynamics.gravity import link_ends
 from lab.kinematics.effects.effect import NO_SESSIONS, SessionInfo, approach_of
 from lab.kinematics.effects.sessions import at_first_station
 from lab.kinematics.joints import Encoders, JointSpec
-from lab.kinematics.parameter import targets_of
+from lab.kinematics.parameter import SIZE, targets_of
 from lab.kinematics.serial.chain import Chain
 from lab.noise.instruments import Instrument, is_isotropic
 from lab.prediction.extrapolation import MOST_UNCOVERED, MeasuredRange
@@ -123,6 +123,7 @@ def changes(
 
 _WORTH = 0.8  # of the condition: a change that leaves more brings nothing
 _SURPRISING = 5.0  # standard deviations of the prior
+_CORRECTED = 0.7  # of an artefact's stated uncertainty: below, the arm's tolerances determine more than the artefact
 _BEYOND = 0.02  # rad or m: a pose that is nearer to the measured range is at its edge
 _MOST_POSES = 20_000  # by which joint positions are looked at
 _MUCH_WORSE = 2.0  # times the predicted error where poses were measured
@@ -271,11 +272,18 @@ def check_prior(found: Identification, nominal: Array, tolerance: Tolerance) -> 
 
 
 def check_size(found: Identification) -> list[Check]:
-    """Note where readings show the arm's shape, but not its size: one length stays nominal."""
-    model = found.model
-    if not (found.lacks_size and isinstance(model, UnsizedObservation)):
-        return []
-    return [_noted("size.nominal", parameter=model.names[model.scale_link])]
+    """Note where readings show the arm's shape, but not its size: one length stays nominal; and artefacts' sizes."""
+    model, notes = found.model, list[Check]()
+    if found.lacks_size and isinstance(model, UnsizedObservation):
+        notes.append(_noted("size.nominal", parameter=model.names[model.scale_link]))
+        return notes
+    for i, std, half_width in zip(found.fit.free, found.std, found.half_width_95, strict=True):
+        parameter = model.parameters[i]
+        if parameter.group == SIZE and np.isfinite(parameter.scale):
+            half, corrected = float(std * half_width), bool(std < _CORRECTED * parameter.scale)
+            sizes = {"share": float(found.values[i]), "half_width_95": half, "stated": parameter.scale}
+            notes.append(_noted("size.artefact", artefact=parameter.owner, corrected=corrected, **sizes))
+    return notes
 
 
 def check_joints(

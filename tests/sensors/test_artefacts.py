@@ -43,7 +43,7 @@ def artefact(kind: type[Artefact], places: int = 2, features: tuple[int, ...] = 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("uncertain", [False, True])
 def test_derivatives_at_artefacts(kind, uncertain: bool) -> None:
-    rng, model = np.random.default_rng(0), artefact(kind, prior_m=float(uncertain))
+    rng, model = np.random.default_rng(0), artefact(kind, size_u=1e-3 * uncertain)
     values = model.nominal(model.nominal_arm)
     values[len(ARM.names) :] = rng.normal(0, 0.5, len(values) - len(ARM.names))
     rows = model.structure_rows(12)
@@ -116,12 +116,15 @@ def test_opposite_faces_give_the_size_and_three_faces_do_not(cubes: lab.Measurem
 
 
 @pytest.mark.thorough
-def test_the_uncertainty_of_an_artefact_goes_into_the_size_of_the_arm(cubes: lab.MeasurementSession) -> None:
-    """u = 0.02 mm of 200 mm is 1e-4 of every length; no contact tells more."""
+@pytest.mark.parametrize("noise_mm", [0.01, None])
+def test_the_uncertainty_of_an_artefact_goes_into_the_size_of_the_arm(
+    cubes: lab.MeasurementSession, noise_mm: float | None
+) -> None:
+    """An uncertainty of 0.01 % is 1e-4 of every length; no contact tells more, whether the noise is given or not."""
     data = cubes.measurements
     exact, found = (
-        lab.identify(data, observe="cube", tip_radius_mm=3.0, artefact_u_mm=u, noise_mm=0.01).identification
-        for u in (None, 0.02)
+        lab.identify(data, observe="cube", tip_radius_mm=3.0, size_u_percent=u, noise_mm=noise_mm).identification
+        for u in (0.0, 0.01)
     )
     names = [found.model.names[i] for i in found.fit.free]
     assert found.std[names.index("cube.scale")] == pytest.approx(1e-4, rel=0.05)
@@ -181,8 +184,9 @@ def test_a_radius_of_the_tip_is_of_touched_surfaces(tmp_path) -> None:
     ("observe", "options", "what"),
     [
         ("ball-bar", {"tip_radius_mm": 1.0}, "--tip-radius-mm is of --observe cube"),
-        ("plane", {"artefact_u_mm": 1.0}, "--artefact-u-mm is of --observe cube"),
-        ("cube", {"artefact_u_mm": 0.0}, "--artefact-u-mm 0: give a number above"),
+        ("plane", {"size_u_percent": 1.0}, "--size-u-percent is of --observe "),
+        ("cube", {"size_u_percent": -1.0}, "--size-u-percent -1: give percent .* from 0"),
+        ("socket", {"size_u_percent": np.nan}, "--size-u-percent nan: give percent"),
         ("sphere-plate", {"tip_radius_mm": -1.0}, "--tip-radius-mm -1: give a number above"),
     ],
 )

@@ -34,7 +34,7 @@ def test_derivatives_are_those_of_the_prediction() -> None:
 
 @pytest.mark.parametrize("observe", ["points+pixels", pytest.param("socket+pixels", marks=pytest.mark.thorough)])
 def test_without_noise_everything_is_found(observe: str) -> None:
-    result = lab.calibrate("irb120", observe=observe, poses=14, seed=2, instrument="exact")
+    result = lab.calibrate("irb120", observe=observe, poses=14, seed=2, instrument="exact", size_u_percent=0.0)
     assert result.truth.comparison is not None and np.abs(result.truth.comparison.error).max() < 1e-9
 
 

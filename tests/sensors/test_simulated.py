@@ -19,10 +19,10 @@ CASES = {  # of each kind, how many poses show all of an arm
     "pose, mixed": {"poses": 30, "orientation_share": 0.3},
     "pose as angles": {"poses": 20, "orientation": "fixed-xyz", "method": "sequential"},
     "cable": {"poses": 60},
-    "socket": {"poses": 40, "socket_distance_mm": 80.0, "fixtures": 3},
+    "socket": {"poses": 40, "socket_distance_mm": 80.0, "fixtures": 3, "size_u_percent": 0.0},
     "plane": {"poses": 60},
-    "sphere-plate": {"poses": 40, "fixtures": 2},
-    "ball-bar": {"poses": 60},
+    "sphere-plate": {"poses": 40, "fixtures": 2, "size_u_percent": 0.0},
+    "ball-bar": {"poses": 60, "size_u_percent": 0.0},
     "dial": {"poses": 60},
 }
 
@@ -91,7 +91,9 @@ def test_orientations_have_the_instruments_noise_and_share() -> None:
 
 
 def test_contacts_touch_within_limits_and_sockets_are_apart() -> None:
-    day = lab.simulate("irb120", observe="socket", poses=24, fixtures=3, seed=SEED, socket_distance_mm=50.0)
+    day = lab.simulate(
+        "irb120", observe="socket", poses=24, fixtures=3, seed=SEED, socket_distance_mm=50.0, size_u_percent=0.0
+    )
     data, real = day.measurements, day.true_robot
     noise = 8e-6
     points = real.points(data.joints, ("p1",))[:, 0]

@@ -66,7 +66,7 @@ def sockets_file(distance: float | None) -> tuple[SerialArm, Sockets, Measuremen
     )
     assert not data.warnings
     arm = robot.arm(("p1",))
-    observation, seen = SocketSensor(distance).observation(arm, data, arm.nominal())
+    observation, seen = SocketSensor(distance, 0.0).observation(arm, data, arm.nominal())
     assert isinstance(observation, Sockets)
     return arm, observation, seen
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from lab.calibration.fit_options import FitOptions
 from lab.calibration.gauss_newton import RANK_TOLERANCE, ExtraResiduals, Observations
 from lab.calibration.identification import WEAK, Identification, identify
-from lab.calibration.observation import Observation, observation_of
+from lab.calibration.observation import Observation, WeighsPriors, observation_of
 from lab.calibration.prior import prior_of
 from lab.calibration.row_groups import configurations, cv_groups_of, folds
 from lab.calibration.statistics.joint_rounding import by_joint_positions
@@ -372,6 +372,8 @@ class FullModel:
         # the model with all groups, and its measurements
         made = task.model_with(groups)
         observation = observation_of(made).within(task.data)
+        if isinstance(observation, WeighsPriors) and isinstance(alone.model, WeighsPriors):
+            observation = observation.weighed(alone.model.sigma)
         model, start = observation.model, observation.nominal(task.nominal_of(made))
         observed, known = weigh(observation, task.data, task.noise)
         # its Jacobian at the nominal arm, anywhere and at the measured poses

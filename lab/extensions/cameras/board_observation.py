@@ -20,7 +20,8 @@ from lab.extensions.cameras.closed_forms import board_poses, hand_eye, mean_pose
 from lab.extensions.cameras.geometry import INTRINSICS, projected, sight_lines
 from lab.extensions.cameras.rig import PX, Board, Camera, Rig
 from lab.kinematics.model import Model
-from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
+from lab.kinematics.parameter import SIZE, Parameter, indices_of_groups, names_of, placed_parameters
+from lab.sensors.size import LEAST_NOISE, size_parameters, size_residuals
 from lab.sensors.tip import longest_link, tip_frames, tip_origins, tip_rotations, with_tip
 
 __all__ = ["GROUPS", "Pixels"]
@@ -61,7 +62,7 @@ class Pixels:
         rig: cameras and boards.
         seen: of the cameras and the boards, which are seen in the rows: indices in the rig.
         near: ``(m, joints + conditions)`` inputs near which the structure's rank is decided.
-        sigma: noise of a coordinate (thousands of pixels) by which priors of intrinsic parameters weigh.
+        sigma: noise of a coordinate (thousands of pixels) by which priors of lenses and of boards' sizes weigh.
         parameters: the arm's, then six of each camera with its intrinsic ones, then six of each board with its scale.
         names: of the parameters.
     """
@@ -70,7 +71,7 @@ class Pixels:
     rig: Rig
     seen: tuple[tuple[int, ...], tuple[int, ...]]
     near: Array = field(repr=False)
-    sigma: float = 1.0
+    sigma: float = LEAST_NOISE
     parameters: tuple[Parameter, ...] = field(init=False, repr=False)
     names: tuple[str, ...] = field(init=False)
     cameras: tuple[_Part, ...] = field(init=False, repr=False)
@@ -109,8 +110,8 @@ class Pixels:
 
     @property
     def placed(self) -> tuple[str, ...]:
-        """Cameras and boards, with the intrinsic parameters that are identified."""
-        return GROUPS
+        """Cameras and boards, with the intrinsic parameters that are identified; sizes where none is known."""
+        return (*GROUPS, SIZE) if self.unsized else GROUPS
 
     @property
     def units(self) -> Array:
@@ -161,7 +162,7 @@ class Pixels:
     @property
     def unsized(self) -> bool:
         """Check whether no board has a known size, so that nothing shows the arm's."""
-        return all(part.more for part in self.boards)
+        return all(np.isinf(part.what.size_u) for part in self.boards if isinstance(part.what, Board))
 
     @property
     def scale_link(self) -> int:
@@ -182,7 +183,7 @@ class Pixels:
         return tuple(i for part in parts if part.mount is not None for i in range(part.pose.start, part.pose.stop))
 
     def weighed(self, sigma: float) -> Self:
-        """Return the model whose priors of intrinsic parameters weigh by this noise (thousands of pixels)."""
+        """Return the model whose priors of lenses and sizes weigh by this noise (thousands of pixels)."""
         return replace(self, sigma=sigma)
 
     def rank_point(self, values: Array) -> Array:
@@ -200,16 +201,16 @@ class Pixels:
         return inputs
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
-        """Return the priors of intrinsic parameters, weighted as places are."""
-        rows, residuals = list[Array](), list[float]()
+        """Return the priors of intrinsic parameters and of boards' sizes, weighted as places are."""
+        sizes, slopes = size_residuals(self.parameters, values, self.sigma)
+        rows, residuals = [slopes], sizes.tolist()
         for part in self.cameras:
             assert isinstance(part.what, Camera)
             if part.what.intrinsics == "prior":
                 weight = self.sigma / part.what.prior_sigma
                 residuals += (weight * (part.what.intrinsic_values - values[part.rest])).tolist()
                 rows.append(weight[:, None] * np.eye(len(self.names))[part.rest])
-        jacobian = np.concatenate([np.empty((0, len(self.names))), *rows])
-        return np.array(residuals), jacobian
+        return np.array(residuals), np.concatenate(rows)
 
     def errors(self, data: Measurements, values: Array) -> Array:
         """Return lengths ``(n, 1)`` in m of the errors across the line of sight, at the distance of each corner.
@@ -249,7 +250,7 @@ def _placed(parts: Sequence[_Part], index: NDArray[np.int_], values: Array) -> t
 def _further(part: Camera | Board) -> tuple[Parameter, ...]:
     """Return the parameters of a camera or a board beside its pose."""
     if isinstance(part, Board):
-        return placed_parameters(f"board.{part.name}", "board", ("scale",)) if part.size == "free" else ()
+        return size_parameters(f"board.{part.name}", part.size_u)
     if part.intrinsics == "fixed":
         return ()
     found = []

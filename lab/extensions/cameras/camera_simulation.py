@@ -15,6 +15,7 @@ from lab.extensions.cameras.rig import PX, Board, Camera, Rig, Simulated
 from lab.kinematics.effects.effect import BUMPED, ShapesNoise, TrackerMotion
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.serial_arm import SerialArm
+from lab.sensors.size import drawn_size
 from lab.sensors.virtual_sensor import SimulatedReadings
 from lab.simulation.candidate_poses import refuse_unknown_targets
 from lab.simulation.collisions import collides, kinematics_at, random_poses
@@ -42,12 +43,14 @@ class CameraScene:
         rig: their descriptions.
         cameras, boards: poses ``(4, 4)`` (m) in the instrument's frame, or in that of the target of their tip.
         seeing: ``(s, joints)`` poses that see a board.
+        sizes: shares by which the boards are larger than stated; none where they are exact.
     """
 
     rig: Rig
     cameras: tuple[Array, ...]
     boards: tuple[Array, ...]
     seeing: Array
+    sizes: tuple[float, ...] = ()
 
     def seen(
         self, camera: int, board: int, Ts_tip: Array, targets: tuple[str, ...], displaced: Array | float = 0.0
@@ -66,7 +69,8 @@ class CameraScene:
         seer, plate = self.rig.cameras[camera], self.rig.boards[board]
         T_world_camera = _in_world(self.cameras[camera], self.rig.mount(seer, targets), Ts_tip)
         T_world_board = _in_world(self.boards[board], self.rig.mount(plate, targets), Ts_tip)
-        corners = plate.corners @ np.swapaxes(T_world_board[:, :3, :3], 1, 2) + T_world_board[:, None, :3, 3]
+        size = 1.0 + (self.sizes[board] if self.sizes else 0.0)
+        corners = size * plate.corners @ np.swapaxes(T_world_board[:, :3, :3], 1, 2) + T_world_board[:, None, :3, 3]
         corners = corners + displaced
         lines = corners - T_world_camera[:, None, :3, 3]
         points = lines @ T_world_camera[:, :3, :3]
@@ -114,8 +118,9 @@ class CameraScene:
         )
         for kind, parts, Ts in both:
             for part, T in zip(parts, Ts, strict=True):
-                more = part.intrinsic_values if isinstance(part, Camera) else np.zeros(1)
-                found[f"{kind}.{part.name}"] = np.array([*T[:3, 3], *se3.log(T[:3, :3]), *more])
+                sizes = self.sizes or (0.0,) * len(self.boards)
+                more = part.intrinsic_values if isinstance(part, Camera) else sizes[self.rig.boards.index(part)]
+                found[f"{kind}.{part.name}"] = np.append(np.append(T[:3, 3], se3.log(T[:3, :3])), more)
         return found
 
 
@@ -271,17 +276,19 @@ def _before(
 def simulated_corners(rig: Rig, poses: VirtualMeasurement) -> SimulatedReadings:
     """Take pictures of boards with a virtual arm: at the poses of a plan, else at new ones that see a board.
 
+    Boards are as much larger or smaller than stated as the uncertainty of their size lets them be.
     Noise grows with blur: a corner whose blur has a diameter of c pixels has ``noise_px sqrt(1 + c^2)``.
 
     Raises:
         LabError: the robot's effects are of a tracker, or the arm sees no board.
     """
     real, rng, scene = _serial_robot(poses.robot), poses.rng, rig.simulated
-    scattering, failing, shaping, placing, missing = rng.spawn(5)
+    scattering, failing, shaping, placing, missing, printing = rng.spawn(6)
     targets = tuple(dict.fromkeys((*poses.targets, *rig.targets)))
     nominal = CameraArm(real.robot, real.T_world_tracker, targets)
     # cameras and boards that the nominal arm sees, and the true arm's pose at each picture
     placed = _scene_that_shows(rig, nominal, placing)
+    placed = replace(placed, sizes=tuple(drawn_size(board.size_u, printing) for board in rig.boards))
     joints = poses.joints if poses.planned else _seeing_poses(placed, nominal, len(poses.joints), placing)
     conditions = {name: column for name, column in poses.conditions.items() if name != BUMPED}
     scatter = real.effects.scatter(len(joints), scattering)

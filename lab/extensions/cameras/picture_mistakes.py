@@ -406,7 +406,7 @@ def _scaled(sensor: Any, at: PlacedPictures) -> Iterator[Hypothesis]:
             )
     for j, board in enumerate(rig.boards):
         pairs = [pair for (_, which), pair in at.pairs.items() if which == j]
-        if pairs and board.size == "known":
+        if pairs and np.isfinite(board.size_u):
             ratio = _ratio(pairs, at.As, depth_alone=False)
             yield from _of_ratio("square_size", board.name, len(rig.boards), ratio, _with_squares(sensor, j, ratio))
 

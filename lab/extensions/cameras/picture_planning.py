@@ -44,6 +44,8 @@ class PlannedPictures:
     def of(cls, rig: Rig, robot: RobotModel) -> Self:
         """Place cameras and boards as their file says.
 
+        Boards that the file states a size for count as exact: no pose changes what is known of a board's size.
+
         Raises:
             LabError: the robot has loops, or the file does not place all of them.
         """
@@ -57,6 +59,7 @@ class PlannedPictures:
                     f"{rig.source or option_name('observe') + ' pixels'}: {kind} {part.name} has no place, and a "
                     f"design needs one; give position_mm and rotation_deg in the file of {option_name('cameras')}"
                 )
+        rig = replace(rig, boards=tuple(replace(each, size_u_percent=0.0) for each in rig.boards))
         arm = CameraArm(robot, robot.T_world_tracker, rig.targets)
         scene = placed_scene(rig, arm)
         serial = SerialArm(robot.chain, arm.targets)

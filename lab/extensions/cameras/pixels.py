@@ -9,8 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.fit_options import FitOptions
-from lab.calibration.identification import Identification, identify
+from lab.calibration.identification import Identification
 from lab.calibration.sensor import SensorTerms
 from lab.calibration.weights import Noise
 from lab.core import se3
@@ -31,6 +30,7 @@ from lab.kinematics.model import Model, RigidArm
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.sensors.sensor_options import CameraOptions, FitInputs, VirtualSetup
+from lab.sensors.size import PRINTED, stated_size_u
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.effects import TrueEffects
 from lab.simulation.robot_model import RobotModel
@@ -43,7 +43,6 @@ _TEXTS = ("camera", "board", "corner", "image")
 _NUMBERS = ("u_px", "v_px", "sigma_px")
 _NEAR_ROWS = 400
 _MOST_NAMED = 5  # pictures in a warning
-_ROUNDS, _SETTLED = 4, 0.01  # of the noise by which priors of intrinsic parameters weigh
 
 
 def _without_board(pictures: list[str], count: int) -> list[str]:
@@ -59,7 +58,6 @@ class PixelSensor(VirtualSensor):
     Attributes:
         rig: cameras and boards.
         noise_px: noise of a coordinate (1 sigma); None to estimate it from the residuals.
-        sigma_px: noise by which priors of intrinsic parameters weigh, given or estimated.
     """
 
     name: ClassVar[str] = "pixels"
@@ -80,14 +78,14 @@ class PixelSensor(VirtualSensor):
 
     rig: Rig = field(default_factory=usual_rig)
     noise_px: float | None = None
-    sigma_px: float | None = None
 
     @classmethod
     def configured(cls, options: CameraOptions, fit: FitInputs) -> Self:
         """Return the sensor of the cameras and boards of a file; without one, of one camera in the hand and one board.
 
         Raises:
-            LabError: the file makes no sense, the noise is not above zero, or an option of points is given.
+            LabError: the file makes no sense, a noise is not above zero, an uncertainty is below, or an option of
+                points is given.
         """
         fit.refuse_those_of_points(cls.name)
         if fit.noise_mm is not None:
@@ -95,7 +93,8 @@ class PixelSensor(VirtualSensor):
         if options.noise_px is not None:
             positive(option_name("noise_px"), options.noise_px)
         rig = usual_rig() if options.cameras is None else read_rig(options.cameras)
-        return cls(rig, options.noise_px, options.noise_px)
+        stated_size_u(options.size_u_percent, PRINTED)
+        return cls(rig.of_size(options.size_u_percent), options.noise_px)
 
     def targets(self, data: Measurements) -> tuple[str, ...]:
         """Return the targets of the tips that carry cameras and boards."""
@@ -184,8 +183,7 @@ class PixelSensor(VirtualSensor):
         inputs = observed.inputs(whole.conditions)
         near = rng_for(0, "structure").permutation(inputs)
         near = near if some is None else near[: len(some)]
-        sigma_px = 1.0 if self.sigma_px is None else float(PX.to_si(self.sigma_px))
-        return replace(whole, near=near, sigma=sigma_px), observed
+        return replace(whole, near=near), observed
 
     def _numbers(self, data: Measurements) -> NDArray[np.int_]:
         """Return the number ``(n,)`` of each row's corner in the rig.
@@ -231,28 +229,6 @@ class PixelSensor(VirtualSensor):
         placed = placed_pictures(self.rig, self.pictures(data), arm, data, arm.nominal())
         return tuple(picture_mistakes(self, placed, data))
 
-    def balanced(self, model: Model, data: Measurements, nominal: Array, options: FitOptions) -> Model:
-        """Return the model with the noise by which priors of intrinsic parameters weigh, estimated where not given."""
-        assert isinstance(model, Pixels)
-        if self.sigma_px is not None or all(camera.intrinsics != "prior" for camera in self.rig.cameras):
-            return model
-        options = replace(options, solve=None, estimator=None)
-        for _ in range(_ROUNDS):
-            found = identify(model, data, nominal, Noise(), options).sigma_m
-            if not np.isfinite(found) or found <= 0:
-                break
-            change, model = found / model.sigma, replace(model, sigma=found)
-            if abs(change - 1) < _SETTLED:
-                break
-        return model
-
-    def weighted_as(self, model: Model) -> Self:
-        """Return the sensor with the noise of this model for its priors."""
-        assert isinstance(model, Pixels)
-        if all(camera.intrinsics != "prior" for camera in self.rig.cameras):
-            return self
-        return replace(self, sigma_px=float(PX.of(model.sigma)))
-
     def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
         """Take pictures in as many poses as are given, which are new ones that see a board."""
         return simulated_corners(self.rig, poses)
@@ -266,11 +242,11 @@ class PixelSensor(VirtualSensor):
     ) -> Truth | None:
         """Return the truth with the base at the origin, and cameras and boards there or in the last frame.
 
-        None for a mechanism, and where the size of a board is identified, so that the arm's size is not.
+        None for a mechanism, and where the size of a board is unknown, so that the arm's size is.
         """
         model = found.model
         assert isinstance(model, Pixels)
-        if not isinstance(truth.arm, SerialArm) or any(part.more for part in model.boards):
+        if not isinstance(truth.arm, SerialArm) or model.unsized:
             return None
         T_base_world = se3.inverse(truth.arm.T_tracker_frame0(truth.values))
         known = self.placed_truth(model, truth, real, placed, T_base_world)

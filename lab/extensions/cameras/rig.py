@@ -6,7 +6,7 @@ them: the limits and tolerances of lengths then serve places too.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -22,6 +22,7 @@ from lab.core.units import MM, Unit
 from lab.extensions.cameras.geometry import INTRINSICS
 from lab.formats.structured import read_toml, structured
 from lab.kinematics.tree import first_of_tips, tip_of
+from lab.sensors.size import PRINTED, checked_size_u
 
 __all__ = ["HAND", "KINDS", "PX", "WORLD", "Board", "BoardKind", "Camera", "Rig", "Simulated", "read_rig", "usual_rig"]
 
@@ -159,7 +160,8 @@ class Board:
         marker_mm, dictionary: of a ChArUco board's markers, for detection alone.
         points_mm: of ``points``, three numbers each.
         fixed_to: ``world``, ``hand``, or a target of the tip that carries it.
-        size: whether its size is given, or identified (then nothing else shows the arm's scale).
+        size_u_percent: standard uncertainty of its size; 0 where it is exact, infinite where nothing is known. Where
+            nothing is stated, 0.5 as of a printed board.
         position_mm, rotation_deg: as for ``Camera``.
     """
 
@@ -174,7 +176,7 @@ class Board:
     dictionary: str = "DICT_4X4_250"
     points_mm: tuple[tuple[float, ...], ...] = ()
     fixed_to: str = WORLD
-    size: Literal["known", "free"] = "known"
+    size_u_percent: float | None = None
     position_mm: tuple[float, ...] | None = None
     rotation_deg: tuple[float, ...] | None = None
 
@@ -193,6 +195,7 @@ class Board:
                 raise LabError(f"{key} is {getattr(self, key):g}; give a length above 0")
         if not 0 <= self.gap_mm <= MM.of(LENGTH_M.most):
             raise LabError(f"gap_mm is {self.gap_mm:g}; give a distance from 0")
+        checked_size_u("size_u_percent", self.size_u_percent, PRINTED)
         _placed("board", self.position_mm, self.rotation_deg)
         spread = np.linalg.svd(self.corners - self.corners.mean(axis=0), compute_uv=False)
         if spread[1] < 1e-9 * max(spread[0], 1e-300):
@@ -202,6 +205,11 @@ class Board:
         if self.kind == "points":
             return len(self.points_mm)
         return self.columns * self.rows * (4 if self.kind == "apriltag" else 1)
+
+    @property
+    def size_u(self) -> float:
+        """Standard uncertainty of its size, as a share."""
+        return checked_size_u("size_u_percent", self.size_u_percent, PRINTED)
 
     @cached_property
     def corners(self) -> Array:
@@ -244,6 +252,13 @@ class Rig:
             if twice := next((name for name in names if names.count(name) > 1), None):
                 raise LabError(f"two {what} are called '{twice}'; give each its own name")
             FIXTURES(what, names)
+
+    def of_size(self, percent: float | None) -> "Rig":
+        """Return the rig with a standard uncertainty of the size of boards that state none."""
+        boards = [
+            replace(each, size_u_percent=percent) if each.size_u_percent is None else each for each in self.boards
+        ]
+        return replace(self, boards=tuple(boards))
 
     @property
     def corners_each(self) -> int:

@@ -21,6 +21,7 @@ position_mm = [60.0, 0.0, -30.0]
 rotation_deg = [0.0, 0.0, 10.0]
 
 [[board]]
+size_u_percent = 0.0
 name = "table"
 position_mm = [330.0, 60.0, 20.0]
 rotation_deg = [180.0, 0.0, 0.0]
