@@ -19,8 +19,9 @@ from lab.core.se3 import Array
 
 __all__ = ["MarginalFit", "Problem", "Variances", "estimated", "rotated"]
 
-_ROUNDS, _STEPS = 4, 4  # of the noise, and in each of the variances of the columns
-_REFIT_ROUNDS = 2  # near the variances of a problem with fewer columns
+_ROUNDS, _STEPS = 12, 4  # of the noise, and in each of the variances of the columns
+_CONVERGED = 0.3  # of the deviance from round to round
+_START_SCATTER = 0.1  # of the noise: the mean variance that scatter makes of a number
 _MOST_TOLERANCES = 1.0  # variance of the columns of the first kind, the links', in squared tolerances
 _LEAST, _MOST = 1e-8, 1e8
 _OUTLYING = 900.0  # times the variance, of a pose that is far off
@@ -199,16 +200,25 @@ def estimated(problem: Problem, start: Variances | None = None) -> MarginalFit:
     Args:
         start: of a problem with fewer columns, near which they are.
     """
-    count = int(problem.kinds.max(initial=-1)) + 1
-    nothing = np.zeros(len(problem.residual), dtype=np.bool_)
-    fit = MarginalFit(problem, start or Variances(1.0, 0.01, np.ones(count), nothing))
-    for _ in range(_REFIT_ROUNDS if start else _ROUNDS):
+    fit = MarginalFit(problem, start or _start(problem))
+    deviance = np.inf
+    for _ in range(_ROUNDS):
         for _ in range(_STEPS):
             fit = _with_kinds(fit, _next_kinds(fit))
         noise, scatter = _next_noise(fit)
         fit = MarginalFit(problem, replace(fit.variances, noise=noise, scatter=scatter))
         fit = MarginalFit(problem, replace(fit.variances, outlying=_outlying(fit)))
+        if abs(deviance - fit.deviance) < _CONVERGED:
+            break
+        deviance = fit.deviance
     return fit
+
+
+def _start(problem: Problem) -> Variances:
+    """Return variances from which those of a problem are searched: all columns as large as the noise."""
+    count = int(problem.kinds.max(initial=-1)) + 1
+    scatter = _START_SCATTER / max(float(problem.scatter.mean()), 1e-300)
+    return Variances(1.0, scatter, np.ones(count), np.zeros(len(problem.residual), dtype=np.bool_))
 
 
 def _with_kinds(fit: MarginalFit, kinds: Array) -> MarginalFit:
