@@ -147,9 +147,13 @@ class Fitter:
 
     def _arm_with(self, groups: Sequence[str]) -> Arm:
         if (key := tuple(groups)) not in self._arms:
-            stepping = dict.fromkeys(STEP_GROUPS[step.kind] for step in self.steps)
-            self._arms[key] = self.robot.arm_with(self.targets, (*groups, *stepping), self.session)
+            self._arms[key] = self.robot.arm_with(self.targets, (*groups, *self.stepping), self.session)
         return self._arms[key]
+
+    @property
+    def stepping(self) -> tuple[str, ...]:
+        """Groups of the steps, which are in each model beside those of effects."""
+        return tuple(dict.fromkeys(STEP_GROUPS[step.kind] for step in self.steps))
 
     @cached_property
     def session(self) -> SessionInfo:

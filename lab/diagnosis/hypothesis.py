@@ -100,6 +100,7 @@ class Finding:
             "after_m": self.after_m,
             "rivals": self.rivals,
             "accepted": self.accepted,
+            "discrete": self.is_discrete,
             **dict(of.data),
         }
         return Check(f"diagnosis.{of.name}", "noted" if self.accepted else "failed", self.evidence, data=data)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from lab.core.checks import Check
+from lab.phrases import diagnosis_phrases as diagnosis
 from lab.phrases import fit_phrases as fit
 from lab.phrases import verdict_phrases as verdict
 from lab.phrases import verification_phrases as verify
@@ -11,7 +12,7 @@ from lab.phrases.template import Phrase, worded
 __all__ = ["PHRASES", "in_one_line", "phrase", "phrases", "reason_texts"]
 
 PHRASES: dict[str, Phrase] = {}
-for _table in (verify.CERTIFICATE_PHRASES, fit.PHRASES, verdict.PHRASES, verify.PHRASES):
+for _table in (verify.CERTIFICATE_PHRASES, fit.PHRASES, verdict.PHRASES, verify.PHRASES, diagnosis.PHRASES):
     if twice := sorted(set(PHRASES) & set(_table)):
         raise RuntimeError(f"check {twice[0]} has two phrases")
     PHRASES.update(_table)

@@ -7,6 +7,7 @@ import numpy as np
 from lab.core.checks import Check
 from lab.core.errors import counted
 from lab.core.units import DEGREES, MM, MRAD, short_length
+from lab.phrases import diagnosis_phrases as diagnosis
 from lab.phrases.template import PRIOR, Phrase
 from lab.prediction.task_region import RegionKind
 from lab.prediction.workspace_prediction import Distance, RegionPrediction
@@ -39,6 +40,7 @@ _NOT_TESTED = {
         ": the group residual follows the measurements; only errors at other poses test it",
     ),
     "left out": ("lack of fit is not tested", ": the step 'check lack of fit' was left out"),
+    "misread": ("lack of fit is not tested", ": the measurements are misread"),
     "too few": ("lack of fit cannot be tested", ": there are no more measurements than parameters; measure more poses"),
     "unknown noise": (
         "lack of fit cannot be tested",
@@ -395,6 +397,7 @@ LACK_OF_FIT_ADVICE = (
     "measured; or check the stated noise by measuring some poses twice."
 )
 _NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name begins with
+    **diagnosis.NEXT_STEPS,
     "lack_of_fit": LACK_OF_FIT_ADVICE,
     "lack_of_fit.nothing": "Measure more poses to validate on, or some poses twice; or state the noise (--instrument).",
     "isotropy": "State the instrument with --instrument.",
@@ -448,7 +451,7 @@ def next_step(verdict: Verdict, *, with_outliers: bool = False, in_instrument_fr
         good = _GOOD_NEXT if in_instrument_frame else _GOOD_WITHOUT_FRAME
         return good if verdict.word == "good" else _MORE
     names = [each.name for each in verdict.reasons]
-    if with_outliers and not names[0].startswith(("arm", "links", "given")):
+    if with_outliers and not names[0].startswith(("arm", "links", "given", "diagnosis")):
         return _OUTLIERS
     name = next((each for each in _FREE if each in names), names[0])
     if name == "accuracy.gate" and verdict.fit.standing == "holds":

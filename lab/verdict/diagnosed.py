@@ -6,9 +6,11 @@ from functools import partial
 
 import numpy as np
 
+from lab.calibration.identification import Identification
 from lab.calibration.observation import observation_of
 from lab.calibration.sensor import ArmSensor
 from lab.calibration.weights import weigh
+from lab.core.checks import Check
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
 from lab.diagnosis.fine import fine_mistakes
@@ -21,7 +23,7 @@ from lab.robots.load_robot import load_robot
 from lab.robots.robot_files import own_models
 from lab.verdict.fitted import Fitted
 
-__all__ = ["accepted_of", "diagnosed", "gross_of", "undone"]
+__all__ = ["accepted_of", "checks_of", "diagnosed", "gross_of", "rms_m", "undone"]
 
 _MISTAKES = ("gear", "coupling", "drift", "growth")  # effects that are hypotheses of mistakes, too
 _FITTED_ANYWAY = ("link", "joint_zero")  # parameters of every fit: only their size is a finding
@@ -91,11 +93,39 @@ def diagnosed(state: Fitted) -> Fitted:
     steps = tuple(step for each in fine.findings if (step := _step(each, rows)) is not None)
     fitted = [each.name in STEP_GROUPS or each.name in _FITTED_ANYWAY for each in fine.findings]
     findings = tuple(each.as_accepted() if has else each for each, has in zip(fine.findings, fitted, strict=True))
-    return replace(
-        state,
-        fitter=fitter.with_steps(steps) if steps else fitter,
-        diagnosis=(*state.diagnosis, *findings),
+    if steps:
+        fitter = fitter.with_steps(steps)
+        try:
+            findings = _with_residuals(findings, found, fitter.identified_with(rows, (), ()))
+        except LabError:  # too few rows for the steps' parameters: they are found, but not fitted
+            fitter, findings = state.fitter, fine.findings
+    return replace(state, fitter=fitter, diagnosis=(*state.diagnosis, *findings))
+
+
+def _with_residuals(findings: Sequence[Finding], found: Identification, beside: Identification) -> tuple[Finding, ...]:
+    """Return the findings, the steps among them with the error of the fit without all steps and with them."""
+    before_m, after_m = rms_m(found), rms_m(beside)
+    return tuple(
+        replace(each, before_m=before_m, after_m=after_m) if each.name in STEP_GROUPS else each for each in findings
     )
+
+
+def rms_m(found: Identification) -> float:
+    """Return the root mean square error of a fit's points (m); NaN where no positions were observed."""
+    count = observation_of(found.model).positions
+    return float(np.sqrt(count * np.nanmean(found.residuals[..., :count] ** 2))) if count else float("nan")
+
+
+def checks_of(findings: Sequence[Finding], error_m: float) -> list[Check]:
+    """Return the findings as checks: failed where the readings are wrong, or where errors may be mostly a mistake.
+
+    Args:
+        error_m: mean error of the fit at other poses; NaN where unknown.
+    """
+    return [
+        check if each.is_discrete or each.explains_m >= error_m else replace(check, outcome="noted")
+        for each, check in ((each, each.check) for each in findings)
+    ]
 
 
 def _step(finding: Finding, rows: Measurements) -> Step | None:

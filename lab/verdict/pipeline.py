@@ -10,7 +10,7 @@ one of her own under its name, or runs a part of them and looks at the state::
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import partial
+from functools import partial, wraps
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from lab.core.errors import LabError, error_context, option_name
 from lab.core.measurements import Measurements
 from lab.core.progress import Stage, no_progress, no_stage
 from lab.core.units import MM
+from lab.diagnosis.hypothesis import Finding
 from lab.extension_points import own_errors
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC, describe_term
@@ -45,7 +46,7 @@ from lab.prediction.regions import Region, measured_region, region_of_points, wo
 from lab.prediction.residual_spread import for_later_rows
 from lab.prediction.validation import Validation, shared_rows, validate_file, validate_folds, validate_rows
 from lab.prediction.workspace_prediction import bounds_at, check_prediction, own_tolerance
-from lab.verdict.diagnosed import accepted_of, diagnosed, gross_of, undone
+from lab.verdict.diagnosed import accepted_of, checks_of, diagnosed, gross_of, rms_m, undone
 from lab.verdict.fit_checks import (
     FIT_CHECKS,
     check_excluded,
@@ -80,6 +81,7 @@ __all__ = [
 
 Step = Callable[[Fitted], Fitted]
 UNKNOWN = Noise()  # noise that is estimated
+_CLEARLY = 0.5  # of the error as read: with a mistake undone it is smaller
 _IN_TIME = ("finding.step", "finding.drift", "finding.correlated")
 
 
@@ -261,18 +263,40 @@ def _find_mistakes(state: Fitted) -> Fitted:
         again = start(fitter.robot, data, sensor, fitter.noise, fitter.options, judging, seed=fitter.seed)
         state = replace(again, source=state.source, progress=state.progress, checks=state.checks)
     state = replace(state, diagnosis=findings)
-    if not state.misread:
+    if gross is None or not state.misread:
         return state
-    plain = replace(state.fitter.options, groups=(), search=False, residual=False)
-    return replace(state, fitter=replace(state.fitter, options=plain))
+    plain = replace(fitter.options, groups=(), search=False, residual=False, robust=False)
+    state = replace(state, fitter=replace(state.fitter, options=plain))
+    return replace(state, diagnosis=_with_errors(state, gross.outliers))
 
 
-def _diagnose(state: Fitted) -> Fitted:
-    """Find continuous mistakes, where the readings have no gross one.
+def _with_errors(state: Fitted, outliers: Sequence[str]) -> tuple[Finding, ...]:
+    """Return the mistakes with the error of the fit as read, and of that with all of them undone.
 
-    Needs: ``given``. Adds: ``diagnosis``; ``fitter`` has the steps that were found.
+    Args:
+        outliers: ids of rows that are far off also then.
     """
-    return state if state.misread else diagnosed(state)
+    fitter, findings = state.fitter, tuple(each.as_accepted() for each in state.diagnosis)
+    data, sensor = undone(fitter.data, fitter.kind, findings)
+    try:
+        before_m = rms_m(fitter.identified_with(state.given, (), ()))
+        other = start(fitter.robot, data.without(outliers), sensor, fitter.noise, fitter.options, seed=fitter.seed)
+        after_m = rms_m(other.fitter.identified_with(other.given, (), ()))
+    except LabError:  # what the search found stays
+        return state.diagnosis
+    if not after_m < _CLEARLY * before_m:  # zeros take it: only the nominal arm misses by more
+        return state.diagnosis
+    return tuple(replace(each, before_m=before_m, after_m=after_m) for each in state.diagnosis)
+
+
+def _of_sound_readings(step: Step) -> Step:
+    """Return a step that searches nothing in misread measurements: what it found would follow from the mistake."""
+
+    @wraps(step)
+    def run(state: Fitted) -> Fitted:
+        return state if state.misread else step(state)
+
+    return run
 
 
 def _hold_poses_out(state: Fitted) -> Fitted:
@@ -307,7 +331,8 @@ def _fit(state: Fitted) -> Fitted:
     ``outlier_search``.
     """
     found, clean, outliers = state.fitter.identified(state.given, state.groups, state.unshown)
-    return replace(state.with_fit(found, clean), outlier_search=outliers)
+    fitted = replace(state.with_fit(found, clean), outlier_search=outliers)
+    return replace(fitted, checks=state.checks, adequacy=lack_of_fit_not_tested("misread")) if state.misread else fitted
 
 
 def _find_outliers(state: Fitted) -> Fitted:
@@ -453,6 +478,8 @@ def _validate(state: Fitted) -> Fitted:
         found, checks = _by_other(state, state.judging.other)
     elif state.held_out is not None:
         found, checks = _by_held_out(state, state.held_out)
+    elif state.misread:  # as the parts of the rows would be
+        return state
     else:
         again = partial(state.fitter.predicting, groups=state.groups, fixed=state.unshown, process=state.process)
         found = validate_folds(again, state.identification, state.given, state.fitter.seed, state.progress)
@@ -525,7 +552,11 @@ def _judge(state: Fitted) -> Fitted:
     doubts = noise_in_another_unit(None if given_m is None else MM.of(given_m), state.rows, found)
     doubts += points_in_another_scale(found)
     judged = _judged(state)
-    prediction = check_prediction(found, judged, fitter.noise, state.measured, seed=fitter.seed)
+    prediction = None
+    if not state.misread:
+        prediction = check_prediction(found, judged, fitter.noise, state.measured, seed=fitter.seed)
+    errors = judged.errors
+    error_m = float("nan") if errors is None else float(np.nanmean(errors.after))
     poses, region = _regions(state)
     left = state.residual_spread
     word = verdict(
@@ -535,12 +566,14 @@ def _judge(state: Fitted) -> Fitted:
         goodness=state.adequacy,
         tolerance=fitter.options.tolerance,
         measured=state.measured,
-        findings=state.findings,
+        findings=(*checks_of(state.diagnosis, error_m), *state.findings),
         prediction=prediction,
         poses=poses,
         region=region,
         left=left,
     )
+    if state.misread:
+        return replace(state, verdict=word)
     if judging.holdout_last is not None:
         order, most_m = rows_in_time(state.rows), word.region.uncalibrated_rms_m / np.sqrt(3)
         left = for_later_rows(left, found, state.observations, order, most_m)
@@ -605,16 +638,16 @@ def _check_validation(state: Fitted) -> Fitted:
 
 
 FITTING: Mapping[str, Step] = {
-    "diagnose": _diagnose,
-    "select model": _select_model,
+    "diagnose": _of_sound_readings(diagnosed),
+    "select model": _of_sound_readings(_select_model),
     "fit": _fit,
-    "find outliers": _find_outliers,
-    "check lack of fit": _check_lack_of_fit,
-    "choose intervals": _choose_intervals,
-    "check fit": _check_fit,
-    "measure range": _measure_range,
-    "fit residual": _fit_residual,
-    "check noise": _check_noise,
+    "find outliers": _of_sound_readings(_find_outliers),
+    "check lack of fit": _of_sound_readings(_check_lack_of_fit),
+    "choose intervals": _of_sound_readings(_choose_intervals),
+    "check fit": _of_sound_readings(_check_fit),
+    "measure range": _of_sound_readings(_measure_range),
+    "fit residual": _of_sound_readings(_fit_residual),
+    "check noise": _of_sound_readings(_check_noise),
 }
 STEPS: Mapping[str, Step] = {
     "find mistakes": _find_mistakes,
@@ -622,5 +655,5 @@ STEPS: Mapping[str, Step] = {
     **FITTING,
     "validate": _validate,
     "judge": _judge,
-    "check validation": _check_validation,
+    "check validation": _of_sound_readings(_check_validation),
 }

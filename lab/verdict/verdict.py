@@ -131,13 +131,13 @@ def judge(checks: Sequence[Check], gate_m: float | None = None) -> Verdict:
         checks: of the fit, its validation and its predictions, with those of lack of fit and of the errors.
         gate_m: the largest mean error that is allowed; None for no limit.
     """
-    foreign = _failed(checks, "arm")
+    foreign = [each for each in _failed(checks, "diagnosis") if _is_misread(each)] or _failed(checks, "arm")
     accuracy, because = _accuracy(checks)
     fit, misfits = _fit(checks)
     determination, unsure = _determination(checks, gate_m)
-    if foreign:  # of a fit that is not this arm's, small errors are no good news
+    if foreign:  # of a fit that is not this arm's, small errors are no good news; of misread ones, large ones none
         found = accuracy, fit, determination
-        good = ("holds", "does not matter")
+        good = ("holds", "does not matter", *["doubtful", "bad"] * _is_misread(foreign[0]))
         accuracy, fit, determination = (replace(a, standing="not judged") if a.standing in good else a for a in found)
     ratio = _one(checks, "fit.residuals").statistic  # NaN where the noise was not given
     reasons = sorted(
@@ -160,14 +160,21 @@ _MAKES: Mapping[str, Word] = {  # of a calibration, by the check that failed; an
 }
 
 
+def _is_misread(check: Check) -> bool:
+    """Check whether a finding is a mistake of reading, with which no other check of a fit means anything."""
+    return bool(check.data.get("discrete"))
+
+
 def _makes(check: Check) -> Word:
-    return "bad" if _group(check) == "arm" else _MAKES.get(check.name, "doubtful")
+    return "bad" if _group(check) == "arm" or _is_misread(check) else _MAKES.get(check.name, "doubtful")
 
 
 def _weight(check: Check, residuals: float) -> float:
     """Return the ratio of a figure to its limit; infinite for results impossible for this arm, and for findings."""
     if _group(check) == "lack_of_fit":
         return max(residuals, 1.0) if np.isfinite(residuals) else 1.0
+    if _group(check) == "diagnosis":
+        return np.inf
     return check.statistic if np.isfinite(check.statistic) else np.inf
 
 
@@ -194,7 +201,7 @@ def _accuracy(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
 
 def _fit(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
     answer, reasons = _goodness(checks)
-    found = _failed(checks, "finding")
+    found = [*_failed(checks, "diagnosis"), *_failed(checks, "finding")]
     if not found or _one(checks, "fit.residuals").outcome == "passed":
         return answer, reasons
     if _below_gate(checks) and not any("between" in each.data for each in found):

@@ -1,0 +1,296 @@
+"""Phrases of what is wrong with measurements: one for each kind of finding, by the name of its check.
+
+A phrase names the cause and where it is, its size, how much of the errors it explains, what explains them nearly as
+well with the measurement that would decide, and what to do.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from lab.core.checks import Check
+from lab.core.errors import counted
+from lab.core.se3 import Array
+from lab.core.units import DEGREES, MICRORADIANS, MM, MRAD, PPM, Unit, short_length
+from lab.phrases.template import Phrase, worded
+
+__all__ = ["NEXT_STEPS", "PHRASES", "deciding_measurement"]
+
+_HALF_95 = 1.96  # of an interval, in standard deviations
+_MOST_NAMED = 5  # poses or pictures in a sentence
+_PER_CENT = Unit("1", "%", 100.0)
+
+
+def _named(names: Sequence[str]) -> str:
+    """Return names as a part of a sentence: "a", "a and b", "a, b, c and 4 more"."""
+    if len(names) > _MOST_NAMED:
+        return f"{', '.join(names[:_MOST_NAMED])} and {len(names) - _MOST_NAMED} more"
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+
+
+def _poses(names: Sequence[str], what: str = "pose") -> str:
+    return f"{what}{'s' * (len(names) > 1)} {_named(names)}"
+
+
+# Discrete mistakes: of readings
+
+
+def _zero_by_quarters(check: Check) -> str:
+    if "offset_rad" not in check.data:
+        return f"the zero of joint {check.data['of'][0]} is off by {_size(check)}"
+    return f"the zero of joint {check.data['of'][0]} is off by {DEGREES.text(check.data['offset_rad'], 4)}"
+
+
+def _coupled(check: Check) -> str:
+    one, other, sign = check.data["of"]
+    return f"the reading of joint {one} is {one} {sign} {other}"
+
+
+def _shifted(check: Check, what: str = "pose", rows: str = "row") -> str:
+    by, *first = check.data["of"]
+    begin = f"from {what} {first[0]} on " if first else ""
+    return (
+        f"{begin}each pose's joint positions are {counted(abs(int(by)), rows)} too {'late' if int(by) > 0 else 'early'}"
+    )
+
+
+def _convention(check: Check) -> str:
+    of = check.data["of"]
+    return f"the orientations are given in another convention{f' ({_named(of)})' if of else ''}"
+
+
+def _exchanged_targets(check: Check) -> str:
+    *targets, first, last = check.data["of"]
+    return (
+        f"targets {_named(targets)} are exchanged from pose {first} to pose {last} "
+        f"({counted(check.data.get('rows', 0), 'pose')})"
+    )
+
+
+def _exchanged_targets_once(check: Check) -> str:
+    count = check.data.get("targets", 2)
+    targets, poses = check.data["of"][:count], check.data["of"][count:]
+    return f"targets {_named(targets)} are exchanged in {_poses(poses)}"
+
+
+def _unit(check: Check) -> str:
+    return f"the points are in {check.data['of'][0]} (multiply them by {check.data['factor']:g})"
+
+
+def _reading_unit(check: Check) -> str:
+    factor = f" (multiply it by {check.data['factor']:g})" if "factor" in check.data else ""
+    column = f"column {check.data['column']}" if "column" in check.data else "the distance between the sockets"
+    return f"{column} is in {check.data['of'][0]}{factor}"
+
+
+_TURNS = {"half": "half a turn", "quarter": "a quarter turn", "three-quarter": "three quarters of a turn"}
+
+
+def _board_turned(check: Check) -> str:
+    turn = _TURNS.get(check.data.get("turn", ""), "a turn")
+    return f"the board is turned by {turn} in {_poses(check.data['of'], 'picture')}"
+
+
+def _fixtures_exchanged(what: str) -> Callable[[Check], str]:
+    return lambda check: f"{_poses(check.data['of'])} {'are' if len(check.data['of']) > 1 else 'is'} at another {what}"
+
+
+def _fixture_moved(what: str) -> Callable[[Check], str]:
+    def phrase(check: Check) -> str:
+        name, first = check.data["of"]
+        named = what if name == what else f"{what} {name}"
+        by = f" by {MM.text(check.data['step_m'], 2)}" if "step_m" in check.data else ""
+        return f"{named} moved{by} before pose {first}"
+
+    return phrase
+
+
+_FIXTURES = {"socket": "socket", "plane": "plane", "anchor": "anchor", "plate": "plate", "cube": "cube", "dial": "dial"}
+_FIXTURES["bar"] = "ball bar"
+_READINGS = ("socket", "cable", "dial", "bar", "plane", "plate", "cube")
+
+_DISCRETE: Mapping[str, Phrase] = {
+    "joint_unit": "the joint positions are in {of[0]}",
+    "joint_sign": "joint {of[0]} is read with the opposite sign",
+    "joint_zero": _zero_by_quarters,
+    "joints_exchanged": "joints {of[0]} and {of[1]} are exchanged",
+    "joints_coupled": _coupled,
+    "joints_reversed": "the joints are in the reversed order",
+    "rows_reversed": "the joint positions are in the reversed order of what was measured",
+    "rows_shifted": _shifted,
+    "rows_shifted_from": _shifted,
+    "rows_exchanged": "the joint positions of poses {of[0]} and {of[1]} are exchanged",
+    "row_repeated": "pose {of[0]} has the joint positions of the pose before",
+    "point_unit": _unit,
+    "points_mirrored": "the frame of the points is mirrored (an axis negated, or two exchanged)",
+    "targets_exchanged": _exchanged_targets,
+    "targets_exchanged_once": _exchanged_targets_once,
+    "other_robot": "the measured robot is a {of[0]}",
+    "orientation_convention": _convention,
+    "board_turned": _board_turned,
+    "pictures_shifted": lambda check: _shifted(check, "picture", "picture"),
+    "pictures_exchanged": "pictures {of[0]} and {of[1]} are exchanged",
+    "camera_mount": "cameras and boards are fixed the other way round (what is given as in the hand is in the room)",
+    "focal_length": "the focal length of camera {of[0]} is {ratio:.4g} times the given one",
+    "square_size": "the squares of board {of[0]} are {ratio:.4g} times as large as given",
+    **{f"{name}_unit": _reading_unit for name in _READINGS},
+    **{f"{name}_exchanged": _fixtures_exchanged(what) for name, what in _FIXTURES.items()},
+    **{f"{name}_moved": _fixture_moved(what) for name, what in _FIXTURES.items()},
+}
+
+# Continuous mistakes: what moved, and what is not to scale
+
+
+def _size(check: Check) -> str:
+    """Return the sizes with their 95 %: the length of a displacement, then the angle of a rotation."""
+    sizes, stds, units = (np.array(check.data[name]) for name in ("sizes", "stds", "units"))
+    each = [_norm(sizes[units == unit], stds[units == unit], unit) for unit in dict.fromkeys(units.tolist())]
+    parts = [text for text, sure in each if sure] or [text for text, _ in each[:1]]
+    return f"{' and '.join(parts)} (95 %)"
+
+
+def _norm(sizes: Array, stds: Array, si: str) -> tuple[str, bool]:
+    """Return the length of a vector with its 95 %, and whether it is longer than these."""
+    size = float(np.linalg.norm(sizes))
+    half = _HALF_95 * (float(np.linalg.norm(sizes * stds)) / size if size > 0 else float(np.linalg.norm(stds)))
+    unit = _unit_of(si, size)
+    return f"{unit.of(size):.3g} ± {unit.of(half):.2g} {unit.name}", size > half
+
+
+def _unit_of(si: str, size: float) -> Unit:
+    """Return the unit in which a size is neither a very small nor a very large number."""
+    if si == "m":
+        return MM
+    if si == "rad":
+        return MICRORADIANS if size < 1e-4 else MRAD if size < 0.02 else DEGREES
+    return PPM if size < 1e-3 else _PER_CENT
+
+
+def _between(check: Check) -> str:
+    return "between poses {} and {}".format(*check.data["of"][-2:])
+
+
+def _step(what: Callable[[Check], str]) -> Callable[[Check], str]:
+    return lambda check: f"{what(check)} by {_size(check)} {_between(check)}"
+
+
+def _ratio(check: Check, more: str, less: str) -> str:
+    return more if check.data["sizes"][0] > 0 else less
+
+
+def _gain(check: Check) -> str:
+    than = _ratio(check, "more", "less")
+    return f"joint {check.data['of'][0]} moves {_size(check)} {than} than its reading"
+
+
+def _coupling(check: Check) -> str:
+    one, other = check.data["of"]
+    return f"joint {one} moves with {other}: by {_size(check)} of its motion"
+
+
+def _scale(check: Check) -> str:
+    return f"the points are {_size(check)} too {_ratio(check, 'large', 'small')} for this arm"
+
+
+def _growth(check: Check) -> str:
+    return f"the arm {_ratio(check, 'grows', 'shrinks')} by {_size(check)} over the campaign, or the scale changes"
+
+
+_CONTINUOUS: Mapping[str, Callable[[Check], str]] = {
+    "base_step": _step(lambda _: "the base or the instrument moved"),
+    "tool_step": _step(lambda _: "the tool moved on the flange"),
+    "target_step": _step(lambda check: f"target {check.data['of'][0]} moved"),
+    "joint_step": _step(lambda check: f"the zero of joint {check.data['of'][0]} changed"),
+    "joint_gain": _gain,
+    "joint_coupling": _coupling,
+    "joint_lag": lambda check: f"joint {check.data['of'][0]} lags by {_size(check)} of each move",
+    "link": lambda check: f"{check.data['of'][0]} is off from its nominal value by {_size(check)}",
+    "scale": _scale,
+    "shear": lambda check: f"the measured space is sheared by {_size(check)}",
+    "drift": lambda check: f"the base or the instrument drifts by {_size(check)} over the campaign",
+    "growth": _growth,
+}
+_ADVICE: Mapping[str, str] = {  # of what no fit contains
+    "target_step": "Measure again with the target fixed, or leave it out on one side of the step",
+    "joint_gain": "Check the joint's gear ratio and encoder",
+    "joint_coupling": "Check the coupling of these joints in the controller and in --robot",
+    "joint_lag": "Let the arm settle before each measurement",
+    "scale": "Check the instrument's scale (unit, air, temperature)",
+    "shear": "Check the instrument's axes and scales, and whether all points are in one frame",
+    "drift": "Measure the first poses again at the end: they show what drifts",
+    "growth": "Let the arm warm up, and measure the first poses again at the end",
+}
+_DECIDING: Mapping[frozenset[str], str] = {  # measurements that tell two kinds apart
+    frozenset({"base_step", "joint_step"}): "nests on the floor and on the base, measured before and after",
+    frozenset({"base_step", "drift"}): "nests on the floor, measured again in between",
+    frozenset({"tool_step", "joint_step"}): "two more targets on the tool",
+    frozenset({"target_step", "joint_step"}): "two more targets on the tool",
+    frozenset({"target_step", "tool_step"}): "two more targets on the tool",
+    frozenset({"scale", "link"}): "a bar of known length, measured by the instrument",
+    frozenset({"scale", "growth"}): "a bar of known length, measured by the instrument",
+    frozenset({"range_constant", "base_step"}): "the same poses from a second distance of the instrument",
+    frozenset({"range_constant", "scale"}): "the same poses from a second distance of the instrument",
+    frozenset({"joint_gain", "joint_coupling"}): "poses in which these joints move without each other",
+    frozenset({"joint_zero", "link"}): "more poses, with this joint far from where it was",
+}
+
+
+def deciding_measurement(name: str, rivals: Sequence[str]) -> str:
+    """Return the measurement that tells a finding from its rivals (keys); empty where none is known."""
+    pairs = (frozenset({name, rival.partition(":")[0]}) for rival in rivals)
+    return next((_DECIDING[pair] for pair in pairs if pair in _DECIDING), "")
+
+
+def _sentence(cause: Phrase) -> Callable[[Check], str]:
+    """Return the phrase of a finding: cause, effect, rivals and remedy as clauses and sentences."""
+
+    def phrase(check: Check) -> str:
+        return ". ".join([f"{worded(cause, check)}{_effect(check)}", *_rivals(check), *_remedy(check)])
+
+    return phrase
+
+
+def _effect(check: Check) -> str:
+    """Return what a finding does to the errors: with it and without, or how much of them it explains."""
+    data = check.data
+    if np.isfinite(data["before_m"]) and np.isfinite(data["after_m"]):
+        before, after = short_length(data["before_m"]), short_length(data["after_m"])
+        if not data["discrete"]:
+            return f"; it is fitted: the residual is {before} without it, {after} with it (RMS)"
+        if data["accepted"]:
+            return f"; undone on request: the arm misses by {after} (RMS), as read by {before}"
+        return f": the arm misses by {before} (RMS), with this undone by {after}"
+    explained = f"explains {short_length(data['explains_m'])} of the errors (RMS)"
+    return f"; it is fitted, and {explained}" if data["accepted"] else f"; it {explained}"
+
+
+def _rivals(check: Check) -> Iterator[str]:
+    rivals = check.data["rivals"]
+    if not rivals:
+        return
+    verb = "explain" if len(rivals) > 1 else "explains"
+    measured = deciding_measurement(check.name.removeprefix("diagnosis."), rivals)
+    decide = f"; {measured} would decide" if measured else ""
+    yield f"{_named(rivals)} {verb} the errors nearly as well{decide}"
+
+
+def _remedy(check: Check) -> Iterator[str]:
+    name, data = check.name.removeprefix("diagnosis."), check.data
+    if data["accepted"]:
+        return
+    if name == "other_robot":
+        yield f"Give --robot {data['of'][0]}"
+    elif data["discrete"]:
+        yield f"Correct the file, or undo it by --accept {data['key']}"
+    elif name in _ADVICE:
+        yield _ADVICE[name]
+
+
+PHRASES: Mapping[str, Phrase] = {
+    f"diagnosis.{name}": _sentence(cause) for name, cause in {**_DISCRETE, **_CONTINUOUS}.items()
+}
+NEXT_STEPS: Mapping[str, str] = {
+    "diagnosis": "Correct the file or undo the mistake by --accept, if the cause below is right; then identify again.",
+    "diagnosis.other_robot": "Identify with the --robot that is named below.",
+    **{f"diagnosis.{name}": f"{advice}; then identify again." for name, advice in _ADVICE.items()},
+}
