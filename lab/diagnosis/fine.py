@@ -19,13 +19,14 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.diagnosis.continuous import Steps, lasting_mistakes, steps_of
 from lab.diagnosis.hypothesis import Finding, Hypothesis
-from lab.diagnosis.marginal import MarginalFit, Problem, estimated, rotated
+from lab.diagnosis.marginal import MarginalFit, Problem, compressed, estimated, rotated
 from lab.diagnosis.scores import score, scores_of_steps
 from lab.noise.error_model import row_times
 
 __all__ = ["Fine", "fine_mistakes"]
 
-_MOST_ROWS = 400
+_MOST_POSES = 400
+_MOST_NUMBERS = 30  # of a pose: of more, those in which anything shows
 _MOST_FINDINGS = 5
 _REFITTED = 5  # hypotheses of a search
 _WORTH_A_REFIT = 0.4  # of what a hypothesis has to reach, by its score
@@ -58,7 +59,8 @@ def fine_mistakes(
     observed: Observations,
     rows: Measurements,
     effects: Sequence[Array] = (),
-    more: Sequence[Hypothesis] = (),
+    *,
+    several_a_pose: bool = False,
 ) -> Fine:
     """Find continuous mistakes in the measurements of a fit.
 
@@ -67,16 +69,69 @@ def fine_mistakes(
         observed: its rows, weighted, without errors that were estimated of the residuals.
         rows: the same.
         effects: derivatives ``(n, k, d, c)`` of the observed numbers by the parameters of effects that the model lacks.
-        more: hypotheses that the sensor brings.
+        several_a_pose: whether consecutive rows with equal joint positions are of one pose.
     """
-    some = evenly(len(rows), _MOST_ROWS)
+    poses = _poses(rows, several=several_a_pose)
+    some = evenly(int(poses.max(initial=-1)) + 1, _MOST_POSES)
     if some is not None:
-        observed, rows, effects = observed.take(some), rows[some], [each[some] for each in effects]
-        more = [replace(each, columns=None if each.columns is None else each.columns[some]) for each in more]
-    search = _Search.of(found, observed, rows, effects, more)
+        taken = np.flatnonzero(np.isin(poses, some))
+        observed, rows, effects = observed.take(taken), rows[taken], [each[taken] for each in effects]
+        poses = np.unique(poses[taken], return_inverse=True)[1]
+    search = _Search.of(found, observed, rows, effects, _Blocks.of(poses, observed))
     fit, findings = search.run()
-    far = tuple(name for name, outlying in zip(rows.ids, fit.variances.outlying, strict=True) if outlying)
+    far = tuple(
+        name for name, outlying in zip(search.ids, fit.variances.outlying[: len(search.ids)], strict=True) if outlying
+    )
     return Fine(tuple(findings), far, fit)
+
+
+def _poses(rows: Measurements, *, several: bool) -> NDArray[np.int_]:
+    """Return the number ``(n,)`` of each row's pose."""
+    if not several:
+        return np.arange(len(rows))
+    moved = (np.diff(rows.joints, axis=0) != 0).any(axis=1)
+    return np.concatenate([[0], np.cumsum(moved)])
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Numbers of rows, gathered by pose: one block a pose, and blocks of what is known beside the measurements.
+
+    Attributes:
+        at: ``(n, m)`` where each number of a row stands in its block.
+        poses: ``(n,)`` the block of each row.
+        shape: how many blocks of poses, and how many numbers each has.
+        observed: the rows.
+    """
+
+    at: NDArray[np.int_]
+    poses: NDArray[np.int_]
+    shape: tuple[int, int]
+    observed: Observations
+
+    @classmethod
+    def of(cls, poses: NDArray[np.int_], observed: Observations) -> "_Blocks":
+        """Gather rows by their poses."""
+        n, k, d = observed.points.shape
+        first = np.searchsorted(poses, poses)
+        within = np.arange(n) - first
+        at = within[:, None] * (k * d) + np.arange(k * d)
+        return cls(at, poses, (int(poses.max()) + 1, int(within.max() + 1) * k * d), observed)
+
+    def gathered(self, vectors: Array, sigma: float) -> Array:
+        """Return vectors ``(n, k, d, c)`` in units of noise, as blocks ``(poses, m, c)``."""
+        n, k, d = self.observed.points.shape
+        rows = (self.observed.in_units_of_noise(np.nan_to_num(vectors)) / sigma).reshape(n, k * d, -1)
+        blocks = np.zeros((*self.shape, rows.shape[2]))
+        blocks[self.poses[:, None], self.at] = rows
+        return blocks
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """``(poses, m)`` which numbers were observed."""
+        mask = np.zeros(self.shape, dtype=np.bool_)
+        mask[self.poses[:, None], self.at] = np.repeat(self.observed.seen, self.observed.points.shape[2], axis=1)
+        return mask
 
 
 @dataclass(frozen=True)
@@ -118,51 +173,40 @@ class _Search:
         observed: Observations,
         rows: Measurements,
         effects: Sequence[Array],
-        more: Sequence[Hypothesis],
+        blocks: _Blocks,
     ) -> "_Search":
         """Build all columns, and rotate them pose by pose into the axes of the joint scatter."""
         model, values = found.model, found.values
-        n, k, d = observed.points.shape
         predicted, jacobian = model.observe(observed.inputs, values)
         slopes = by_joint_positions(model, observed.inputs, values, rows.joints.shape[1])
+        heads = np.searchsorted(blocks.poses, np.arange(blocks.shape[0]))  # the first row of each pose
         times = row_times(rows)
-        span = max(float(np.ptp(times)), 1e-12)
+        since = (times - times.min()) / max(float(np.ptp(times)), 1e-12) - 0.5
         about = predicted - np.nanmean(predicted, axis=(0, 1))
+        # columns of hypotheses, and of what may be off: links by tolerance, effects by kind, a smooth error
         stepping = list(steps_of(model, jacobian, slopes, rows.joint_names))
-        since = (times - times.min()) / span - 0.5
-        lasting = [*lasting_mistakes(model, jacobian, slopes, rows, about, since), *more]
-        # columns of what may be off: placed without prior, links by tolerance, effects by kind, a smooth error
-        is_link = np.array([each.is_link for each in model.parameters])
-        scales = np.array([each.scale for each in model.parameters])
-        parts = [jacobian[..., ~is_link], jacobian[..., is_link] * scales[is_link]]
-        kinds = [-1] * int((~is_link).sum()) + [0] * int(is_link.sum())
-        for kind, columns in enumerate([*effects, _smooth(rows.joints, slopes)], start=1):
-            size = np.sqrt(np.mean(np.sum(np.nan_to_num(columns) ** 2, axis=(1, 2, 3)) / (k * d)))
-            parts.append(columns * (found.residual_sigma_m / size if size > 0 else 0.0))
-            kinds += [kind] * columns.shape[3]
-        # in units of noise, pose by pose
+        lasting = list(lasting_mistakes(model, jacobian, slopes, rows, about, since))
+        parts, kinds = _random_columns(found, jacobian, [*effects, _smooth(rows.joints, slopes)])
+        # in units of noise, pose by pose, with what is known beside the measurements
         sigma = max(1.0 if found.sigma_given else found.residual_sigma_m, _LEAST_SIGMA_M)
-        mask = np.repeat(observed.seen, d, axis=1)
-
-        def flat(vectors: Array) -> Array:
-            rows_of = observed.in_units_of_noise(np.nan_to_num(vectors)) / sigma
-            return rows_of.reshape(n, k * d, -1)
-
-        every = [flat(each) for each in parts]
-        given = [each.hypothesis.columns for each in stepping] + [each.columns for each in lasting]
-        wanted = [flat(each) for each in given if each is not None]
         off = jacobian @ (values - found.nominal_aligned)  # links are off from nominal, not from the fit
-        residual = flat((observed.points - predicted + off)[..., None])[..., 0]
-        turned, columns, sizes, known = rotated(residual, [*every, *wanted], flat(slopes), mask)
-        problem = Problem(
-            turned, np.concatenate(columns[: len(every)], axis=2), np.array(kinds), sizes, known, found.sigma_given
+        residual = blocks.gathered((observed.points - predicted + off)[..., None], sigma)[..., 0]
+        given = [each.hypothesis.columns for each in stepping] + [each.columns for each in lasting]
+        every = [blocks.gathered(each, sigma) for each in (*parts, *given) if each is not None]
+        turned, columns, sizes, known = rotated(residual, every, blocks.gathered(slopes, sigma), blocks.mask)
+        if turned.shape[1] > _MOST_NUMBERS:
+            turned, columns, sizes, known = compressed(turned, columns, sizes, known, _MOST_NUMBERS)
+        own = columns[len(parts) :]
+        joined = np.concatenate(columns[: len(parts)], axis=2)
+        problem = Problem(turned, joined, kinds, sizes, known, found.sigma_given)
+        return cls(
+            problem=problem,
+            steps=tuple(zip(stepping, own[: len(stepping)], strict=True)),
+            lasting=tuple(_Candidate(each, part) for each, part in zip(lasting, own[len(stepping) :], strict=True)),
+            ids=tuple(rows.ids[i] for i in heads),
+            order=np.argsort(times[heads], kind="stable"),
+            metres=sigma / observed.typical_weight,
         )
-        own = columns[len(every) :]
-        steps = tuple(zip(stepping, own[: len(stepping)], strict=True))
-        others = [_Candidate(each, part) for each, part in zip(lasting, own[len(stepping) :], strict=True)]
-        metres = sigma / observed.typical_weight
-        order = np.argsort(times, kind="stable")
-        return cls(problem, steps, tuple(others), rows.ids, order, metres)
 
     def run(self) -> tuple[MarginalFit, list[Finding]]:
         """Accept the best hypothesis until none is left, then test each beside the others."""
@@ -266,6 +310,25 @@ class _Search:
         return Finding(
             candidate.hypothesis, evidence, tuple(sizes.tolist()), tuple(stds.tolist()), explains_m, rivals=rivals
         )
+
+
+def _random_columns(
+    found: Identification, jacobian: Array, effects: Sequence[Array]
+) -> tuple[list[Array], NDArray[np.int_]]:
+    """Return the columns of parameters and effects, in their typical sizes, and the kind of each.
+
+    What is placed has no prior (kind -1), links have their tolerances (0), effects the size of the residuals.
+    """
+    is_link = np.array([each.is_link for each in found.model.parameters])
+    scales = np.array([each.scale for each in found.model.parameters])
+    parts = [jacobian[..., ~is_link], jacobian[..., is_link] * scales[is_link]]
+    kinds = [-1] * int((~is_link).sum()) + [0] * int(is_link.sum())
+    for kind, columns in enumerate(effects, start=1):
+        numbers = columns[..., 0].size
+        size = np.sqrt(np.nansum(columns**2) / numbers)
+        parts.append(columns * (found.residual_sigma_m / size if size > 0 else 0.0))
+        kinds += [kind] * columns.shape[3]
+    return parts, np.array(kinds)
 
 
 def _width(candidates: Sequence[_Candidate]) -> int:

@@ -28,6 +28,8 @@ _OUTLYING = 900.0  # times the variance, of a pose that is far off
 _PRICE = 9.0  # -2 log of the share of such poses
 _MOST_OUTLYING = 0.2  # of the poses
 _FLAT = 1e8  # variance of columns without a prior
+_SCATTERED = 8  # numbers of a pose in which joint scatter shows
+_JITTER = 1e-11  # of a column's own square: columns that others hold
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,29 @@ def rotated(
     return turned, [back @ np.where(seen, each, 0.0) for each in columns], np.maximum(sizes, 0.0), known
 
 
+def compressed(
+    residual: Array, columns: Sequence[Array], scatter: Array, mask: NDArray[np.bool_], numbers: int
+) -> tuple[Array, list[Array], Array, NDArray[np.bool_]]:
+    """Keep the few directions of each pose's many numbers in which its columns are largest.
+
+    Args:
+        residual, columns, scatter, mask: as ``rotated`` returns them; the scatter's directions come last there.
+        numbers: of each pose, to keep.
+    """
+    whole = np.concatenate(columns, axis=2)
+    norm = np.sqrt(np.einsum("nmc,nmc->c", whole, whole))
+    scaled = whole / np.where(norm > 0, norm, 1.0)
+    # the axes of the scatter stay, as its variance is diagonal there; the others are turned among themselves
+    kept = np.arange(residual.shape[1]) >= residual.shape[1] - _SCATTERED
+    rest = np.where(mask & ~kept, 1.0, 0.0)[..., None] * scaled
+    axes = np.linalg.svd(rest, full_matrices=False)[0][..., : numbers - _SCATTERED]
+    known = np.linalg.norm(rest.swapaxes(1, 2) @ axes, axis=1) > 1e-12
+    back = np.swapaxes(axes, 1, 2)
+    turned = [np.concatenate([back @ each, each[:, kept]], axis=1) for each in (residual[..., None], *columns)]
+    sizes = np.concatenate([np.zeros(known.shape), scatter[:, kept]], axis=1)
+    return turned[0][..., 0], turned[1:], sizes, np.concatenate([known, mask[:, kept]], axis=1)
+
+
 @dataclass(frozen=True)
 class Variances:
     """Variances of a marginal model.
@@ -136,9 +161,14 @@ class MarginalFit:
         return np.asarray(1 / variance)
 
     @cached_property
+    def _root(self) -> Array:
+        """Root R ``(c, c)`` of the covariance R R' of the coefficients, upper triangular."""
+        return _inverse_root(self._gram[0] + np.diag(self._precision))
+
+    @cached_property
     def covariance(self) -> Array:
         """Covariance ``(c, c)`` of the coefficients afterwards."""
-        return _inverse(self._gram[0] + np.diag(self._precision))
+        return np.asarray(self._root @ self._root.T)
 
     @cached_property
     def coefficients(self) -> Array:
@@ -158,8 +188,7 @@ class MarginalFit:
     @cached_property
     def basis(self) -> Array:
         """Columns B ``(n, m, c)`` with V^-1 = W - B B'."""
-        root = np.linalg.cholesky(self.covariance)
-        return np.asarray(self._weights[..., None] * (self.problem.columns @ root))
+        return np.asarray(self._weights[..., None] * (self.problem.columns @ self._root))
 
     @property
     def weights(self) -> Array:
@@ -171,7 +200,7 @@ class MarginalFit:
         """Minus twice the log-likelihood, restricted for columns without a prior, with the price of far poses."""
         random = self.problem.kinds >= 0
         own = float(np.log(self.diagonal[self.problem.mask]).sum())
-        columns = -float(np.log(self._precision[random]).sum()) - float(np.linalg.slogdet(self.covariance)[1])
+        columns = -float(np.log(self._precision[random]).sum()) - 2 * float(np.log(np.diag(self._root)).sum())
         pull = float((self.problem.residual * self.pulls).sum())
         return own + columns + pull + _PRICE * int(self.variances.outlying.sum())
 
@@ -230,13 +259,12 @@ def _with_kinds(fit: MarginalFit, kinds: Array) -> MarginalFit:
     return other
 
 
-def _inverse(matrix: Array) -> Array:
-    """Return the inverse of a positive definite matrix."""
-    factor, failed = scipy.linalg.lapack.dpotrf(matrix)
-    if failed:
-        return np.linalg.pinv(matrix, hermitian=True)
-    lower = scipy.linalg.lapack.dpotri(factor)[0]
-    return np.asarray(np.triu(lower) + np.triu(lower, 1).T)
+def _inverse_root(matrix: Array) -> Array:
+    """Return the upper triangular root R of the inverse R R' of a matrix that is positive definite, or nearly."""
+    scale = 1 / np.sqrt(np.diag(matrix))
+    scaled = matrix * scale[:, None] * scale + _JITTER * np.eye(len(matrix))
+    upper = scipy.linalg.lapack.dpotrf(scaled, clean=1)[0]
+    return np.asarray(scale[:, None] * scipy.linalg.lapack.dtrtri(upper)[0])
 
 
 def _next_kinds(fit: MarginalFit) -> Array:
