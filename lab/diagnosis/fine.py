@@ -302,7 +302,7 @@ class _Search:
         own = slice(first, first + candidate.columns.shape[2])
         sizes, stds = fit.coefficients[own], np.sqrt(np.diag(fit.covariance)[own])
         made = candidate.columns @ sizes
-        most = 0 if candidate.hypothesis.name in _LINKS else 1  # beside base and tool, or the links, too
+        most = 0 if candidate.hypothesis.name in (*_LINKS, "scale") else 1  # beside base and tool, or links, too
         placed = self.problem.columns[..., self.problem.kinds < most][fit.problem.mask]
         plain = made[fit.problem.mask]
         left = plain - placed @ np.linalg.lstsq(placed, plain, rcond=1e-9)[0]
