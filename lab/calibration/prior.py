@@ -40,7 +40,10 @@ _NO_SLOPE = 1e-12  # of the largest singular value: below, there is none
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Manufacturing tolerance: one standard deviation of lengths and of angles of the links."""
+    """Manufacturing tolerance: one standard deviation of lengths and of angles of the links.
+
+    Twists between nominally parallel axes have a larger one, by the same share (``link_parameter``).
+    """
 
     length_m: float = TOLERANCE_M
     angle_rad: float = TOLERANCE_RAD
@@ -193,11 +196,10 @@ def standard_deviations(model: Model, tolerance: Tolerance) -> Array:
 
     The prior of an artefact's size is the observation's own: here it has none.
     """
-    links = {True: tolerance.angle_rad, False: tolerance.length_m}
-    others = [np.inf if each.group == SIZE else each.scale for each in model.parameters]
-    return np.array(
-        [links[each.is_angle] if each.is_link else size for each, size in zip(model.parameters, others, strict=True)]
-    )
+    shares = {True: tolerance.angle_rad / TOLERANCE_RAD, False: tolerance.length_m / TOLERANCE_M}
+    sizes = [np.inf if each.group == SIZE else each.scale for each in model.parameters]
+    factors = [shares[each.is_angle] if each.is_link else 1.0 for each in model.parameters]
+    return np.array(sizes) * np.array(factors)
 
 
 def prior_of(

@@ -8,7 +8,7 @@ no joint stand each on a mount, a pose in frame 0 of the first.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,6 @@ from lab.kinematics.model import Skeleton
 from lab.kinematics.parameter import (
     BASE_PARAMETERS,
     Parameter,
-    link_parameter,
     mount_parameters,
     names_of,
     tool_parameters,
@@ -209,7 +208,7 @@ class TreeArm:
                 arm.parameters[_BASE:], arm.table_rows.tolist(), arm.table_columns.tolist(), strict=False
             ):
                 owner = chain.owner(c, row, COLUMNS[column])
-                links.setdefault(f"{owner}.{cell.symbol}", link_parameter(owner, cell.symbol, cell.kind, cell.nominal))
+                links.setdefault(f"{owner}.{cell.symbol}", replace(cell, owner=owner))
         ordered = sorted(links.values(), key=lambda each: int(each.owner.split(".")[0].removeprefix("link")))
         return (*BASE_PARAMETERS, *mounts, *ordered, *tool_parameters(_positions(self.targets, {})))
 

@@ -52,7 +52,7 @@ class Fitting:
     tolerance_mm: float = 0.5
     """Manufacturing tolerance of lengths (1σ): of the prior, and by which aliased errors are shared in exports."""
     tolerance_mrad: float = 1.5
-    """Manufacturing tolerance of angles (1σ)."""
+    """Manufacturing tolerance of angles (1σ); 7/3 of it of twists between nominally parallel axes."""
     estimator: str = "least-squares"
     """Estimator of the parameters: least-squares. Packages may add others."""
     error_terms: Names = ()

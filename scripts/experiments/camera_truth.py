@@ -41,8 +41,8 @@ _JUDGED, _SPREAD = 300, 0.15  # poses that judge, and how far (rad) they are fro
 class Options:
     """What to try."""
 
-    factory: Path = Path("models/universal_robots/factory.csv")
-    """Factory calibrations, a row for each arm."""
+    factory: Path
+    """Factory calibrations, a row for each arm (CSV)."""
     camera: str = "hand"
     """Where the camera is: hand, or room (then the board is in the hand)."""
     board_percent: float = 0.5
@@ -59,13 +59,20 @@ class Options:
     """Print one JSON object."""
 
 
-def _nominal_toml(name: str) -> str:
-    d1, a2, a3, d4, d5, d6 = _TABLES[name]
-    rows = [(90, 0, d1), (0, a2, 0), (0, a3, 0), (90, 0, d4), (-90, 0, d5), (0, 0, d6)]
-    text = f'name = "{name}"\nconvention = "distal"\n'
-    for i, (alpha, a, d) in enumerate(rows):
-        text += f'[[joint]]\nname = "q{i + 1}"\nalpha_deg = {alpha}\na_mm = {a}\ntheta_deg = 0\nd_mm = {d}\n'
-        text += "lower_deg = -360\nupper_deg = 360\n"
+def makers_table(model: str) -> Array:
+    """Return the maker's table ``(6, 5)`` (theta, d, a, alpha, beta; m, rad), distal."""
+    d1, a2, a3, d4, d5, d6 = np.array(_TABLES[model]) / 1e3
+    table = np.zeros((6, 5))
+    table[:, 1], table[1:3, 2] = (d1, 0, 0, d4, d5, d6), (a2, a3)
+    table[[0, 3, 4], 3] = np.pi / 2 * np.array([1, 1, -1])
+    return table
+
+
+def _robot_toml(model: str) -> str:
+    text = f'name = "{model}"\nconvention = "distal"\n'
+    for i, (theta, d, a, alpha, _) in enumerate(makers_table(model).tolist()):
+        text += f'[[joint]]\nname = "q{i + 1}"\ntheta_deg = {theta}\nd_mm = {1e3 * d}\na_mm = {1e3 * a}\n'
+        text += f"alpha_deg = {np.rad2deg(alpha)}\nlower_deg = -360\nupper_deg = 360\n"
     return text
 
 
@@ -179,7 +186,7 @@ fixed_to = "{board}"
 
 def campaign(row: dict[str, str], options: Options, seed: int, folder: Path) -> dict[str, Any]:
     """Identify one arm by its pictures, and compare it with its maker's table."""
-    (folder / "robot.toml").write_text(_nominal_toml(row["model"]))
+    (folder / "robot.toml").write_text(_robot_toml(row["model"]))
     in_hand = ("hand", "world") if options.camera == "hand" else ("world", "hand")
     (folder / "cameras.toml").write_text(_RIG.format(camera=in_hand[0], board=in_hand[1]))
     robot = lab.load_robot(folder / "robot.toml")

@@ -94,7 +94,8 @@ def test_places_are_known_by_nothing_and_an_offset_by_its_size() -> None:
 def test_standard_deviations_are_tolerances_of_links_and_scales_of_the_rest() -> None:
     arm = IRB120.arm_with(("p1",), ("gear", "drift"))
     sigma = dict(zip(arm.names, standard_deviations(arm, Tolerance(1e-4, 2e-4)), strict=True))
-    assert sigma["link2.d"] == 1e-4 and sigma["link2.alpha"] == 2e-4
+    assert sigma["link2.d"] == 1e-4 and sigma["link4.alpha"] == 2e-4
+    assert sigma["link2.alpha"] == pytest.approx(2e-4 * 7 / 3)  # axes 2 and 3 are parallel
     assert np.isinf(sigma["base.x"]) and np.isinf(sigma["tool.p1.z"])
     assert sigma["joint1.gear"] == 1e-3 and sigma["drift.x"] == 1e-2 and sigma["drift.scale"] == 1e-3
 

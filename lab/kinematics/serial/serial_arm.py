@@ -63,7 +63,13 @@ class SerialArm:
     def parameters(self) -> tuple[Parameter, ...]:
         """Parameters of the base, of the table row by row, and of the targets."""
         links = [
-            link_parameter(f"link{i + 1}", COLUMNS[j], _KINDS[j], float(self.chain.table[i, j]))
+            link_parameter(
+                f"link{i + 1}",
+                COLUMNS[j],
+                _KINDS[j],
+                float(self.chain.table[i, j]),
+                between_parallel_axes=self.chain.parallel[i] and COLUMNS[j] in ("alpha", "beta"),
+            )
             for i, j in zip(self.table_rows.tolist(), self.table_columns.tolist(), strict=True)
         ]
         return (*BASE_PARAMETERS, *links, *tool_parameters(target_positions(self.targets)))
