@@ -152,7 +152,7 @@ def implanted(name: str, options: Options) -> list[dict[str, Any]]:
 def _said(line: Mapping[str, Any]) -> str:
     """Findings in words, or why there are none."""
     if "refused" in line or "crashed" in line:
-        return line.get("refused") or line["crashed"]
+        return str(line.get("refused") or line["crashed"])
     return "; ".join(_worded(each) for each in line["found"]) or "nothing"
 
 
@@ -170,8 +170,8 @@ def _untouched(options: Options) -> Answer:
             found = permuted = {"rows": 0, "refused": str(error)[:120], "seconds": 0.0, "found": []}
         values[name] = [found, permuted]
         survived = [each["name"] for each in permuted["found"] if each["name"] in _TIMED]
-        error = f"{found['after_mm']:.3g}" if found.get("after_mm") else ""
-        cells = (f"{found['seconds']:.1f}", str(found.get("verdict", "")), error, _said(found), _said(permuted))
+        after = f"{found['after_mm']:.3g}" if found.get("after_mm") else ""
+        cells = (f"{found['seconds']:.1f}", str(found.get("verdict", "")), after, _said(found), _said(permuted))
         rows.append((name, str(found["rows"]), *cells, ", ".join(survived)))
     head = ("file", "rows", "s", "verdict", "after, mm", "findings", "in another order", "survived")
     return Answer(

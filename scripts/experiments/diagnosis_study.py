@@ -42,6 +42,9 @@ ALIKE: Mapping[str, frozenset[str]] = {  # what the measurements cannot tell apa
     "joint_sign": frozenset({"points_mirrored"}),  # all joints of an arm that has a plane of symmetry
     "points_mirrored": frozenset({"joint_sign"}),
     "scale": frozenset({"link"}),  # no length in the campaign is known
+    "joint_unit": frozenset({"joint_gain"}),  # gon for degrees
+    "rows_reversed": frozenset({"rows_exchanged"}),  # some rows: pairs of them are exchanged
+    "rows_shifted": frozenset({"rows_shifted_from"}),
     "gear": frozenset({"joint_gain"}),
     "coupling": frozenset({"joint_coupling"}),
 }
@@ -119,12 +122,12 @@ def campaigns(options: Options) -> list[Campaign]:
 
 def true_effects(rng: np.random.Generator, missing: str = "") -> dict[str, Any]:
     """Effects of a true arm: compliance, run-out and scatter always, and one that is missing in every model."""
-    usual = {
+    usual: dict[str, Any] = {
         "stiffness_nm_per_rad": float(np.exp(rng.uniform(*np.log([1e5, 5e5])))),
         "harmonic_mrad": rng.uniform(0.01, 0.1),
         "repeatability_mrad": rng.uniform(0.005, 0.03),
     }
-    further = {
+    further: dict[str, dict[str, Any]] = {
         "backlash": {"backlash_mrad": 0.1},
         "gear": {"gear_ppm": 50.0},
         "cross harmonics": {"cross_harmonic_mrad": 0.05},
@@ -148,7 +151,12 @@ def simulated(campaign: Campaign) -> tuple[Any, str]:
     rng = np.random.default_rng([campaign.seed, 1])
     missing = _MISSING[campaign.seed % len(_MISSING)] if campaign.kind == "effects" else ""
     effects = lab.Effects(**true_effects(rng, missing))
-    drawn = {"poses": campaign.poses, "seed": campaign.seed, "targets": campaign.targets, "effects": effects}
+    drawn: dict[str, Any] = {
+        "poses": campaign.poses,
+        "seed": campaign.seed,
+        "targets": campaign.targets,
+        "effects": effects,
+    }
     if campaign.observe in INSTRUMENTS:
         drawn["instrument"] = INSTRUMENTS[campaign.observe]
     day = lab.simulate(_robot(campaign.robot), observe=campaign.observe, **drawn)
@@ -192,7 +200,7 @@ def run(campaign: Campaign, accuracy_m: float) -> dict[str, Any]:
         line["visible_mm"] = 1e3 * mistakes.visible_m(session, made[-1])
     given = made[-1].robot if made and made[-1].robot else campaign.robot
     data = made[-1].data if made else session.data
-    options = dict(made[-1].options) if made else {}
+    options: dict[str, Any] = dict(made[-1].options) if made else {}
     options |= {"observe": campaign.observe, "model": campaign.model}
     if campaign.observe in ("points", "pose"):
         options["instrument"] = INSTRUMENTS[campaign.observe]
@@ -228,6 +236,7 @@ def identified(data: Any, robot: Any, options: Mapping[str, Any]) -> dict[str, A
     after = said["after_mm"] or {}
     return {
         "found": findings_of(result),
+        "outliers": [str(each) for each in said["outliers"] or ()],
         "verdict": said["verdict"],
         "reasons": reasons,
         "after_mm": after.get("mean") if isinstance(after, Mapping) else after,
@@ -283,7 +292,9 @@ def accuracy_of(robot: str, options: Options) -> float:
     for seed in range(1000, 1003):
         campaign = Campaign(seed, "clean", 0.0, robot, options.poses, options.observe)
         day = simulated(campaign)[0]
-        known = {"instrument": INSTRUMENTS[options.observe]} if options.observe in ("points", "pose") else {}
+        known: dict[str, Any] = (
+            {"instrument": INSTRUMENTS[options.observe]} if options.observe in ("points", "pose") else {}
+        )
         found = lab.identify(day.measurements, robot=_robot(robot), observe=options.observe, model="auto", **known)
         reached.append(float((found.to_dict()["after_mm"] or {"mean": np.nan})["mean"]))
     return 1e-3 * float(np.nanmean(reached))
@@ -325,9 +336,11 @@ def named(row: Mapping[str, Any]) -> str:
     """How a campaign with one mistake went: first, alike, later, rival, another, missed, refused or crashed."""
     if "crashed" in row or "refused" in row:
         return "crashed" if "crashed" in row else "refused"
-    if not row["found"]:
-        return "missed"
     name, found = row["made"][0], [each["name"] for each in row["found"]]
+    if name in _OF_ROWS and set(row["of"][0]) & set(row.get("outliers", ())) and name not in found[:1]:
+        return "first" if name == "outliers" and not found else "later" if found else "alike"
+    if not found:
+        return "missed"
     alike = ALIKE.get(name, frozenset()) if name != "target_step" or row["targets"] == 1 else frozenset()
     if found[0] == name:
         return "first"
@@ -347,6 +360,7 @@ def covers(made: float, found: Mapping[str, Any]) -> bool | None:
     return bool(abs(length - abs(made)) <= 1.96 * np.linalg.norm(sizes * stds) / length)
 
 
+_OF_ROWS = ("outliers", "row_repeated", "rows_exchanged")  # whose rows a list of outliers may name
 _WAYS = ("first", "alike", "rival", "later", "another", "missed", "refused", "crashed")
 
 
@@ -368,7 +382,7 @@ def table_of(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 def _accused(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     """Sound campaigns in which something was found that is not there."""
-    lines = []
+    lines: list[tuple[str, ...]] = []
     for kind in ("clean", "effects"):
         some = [row for row in rows if row["kind"] == kind]
         wrong = [{each["name"] for each in row["found"]} - ALIKE.get(row["missing"], frozenset()) for row in some]

@@ -47,7 +47,7 @@ class Case:
 
 
 Make = Callable[[Path], Case]
-_EFFECTS = {"stiffness_nm_per_rad": 2e5, "harmonic_mrad": 0.05, "repeatability_mrad": 0.02}
+_EFFECTS: dict[str, Any] = {"stiffness_nm_per_rad": 2e5, "harmonic_mrad": 0.05, "repeatability_mrad": 0.02}
 
 
 def _made(kind: str, size: float, observe: str = "points", robot: str = "irb120", **fit: Any) -> Make:
@@ -63,9 +63,9 @@ def _made(kind: str, size: float, observe: str = "points", robot: str = "irb120"
 
 
 def _session(robot: str, observe: str, poses: int) -> mistakes.Session:
-    device = {"instrument": INSTRUMENTS[observe]} if observe in INSTRUMENTS else {}
+    device: dict[str, Any] = {"instrument": INSTRUMENTS[observe]} if observe in INSTRUMENTS else {}
     targets = ("p1", "p2", "p3") if observe == "points" else ("p1",)
-    what = {"observe": observe, "poses": poses, "targets": targets, "effects": lab.Effects(**_EFFECTS)}
+    what: dict[str, Any] = {"observe": observe, "poses": poses, "targets": targets, "effects": lab.Effects(**_EFFECTS)}
     return mistakes.session_of(lab.simulate(robot, seed=4, **what, **device), 5e-5)
 
 

@@ -348,15 +348,9 @@ def _points_mirrored(session: Session, size: float, rng: np.random.Generator) ->
     if rng.random() < 0.5:
         points[rows, :, axis] *= -1
     else:
-        axes = np.delete(np.arange(3), axis)
-        points[rows] = _exchanged(points[rows], axes)
+        order = np.delete(np.arange(3), axis)[::-1]
+        points[rows] = points[rows][..., np.insert(order, axis, axis)]
     return _pointed(session, points, "points_mirrored")
-
-
-def _exchanged(points: Array, axes: Array) -> Array:
-    order = np.arange(3)
-    order[axes] = axes[::-1]
-    return points[..., order]
 
 
 def _targets_swapped(session: Session, rows: Any, name: str, rng: np.random.Generator) -> Mistaken:
