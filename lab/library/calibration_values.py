@@ -11,11 +11,13 @@ from lab.calibration.residual.estimation import ExpectedGain
 from lab.calibration.residual.gaussian_process import GROUP
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.core.checks import Check
-from lab.core.units import MM, MRAD
+from lab.core.units import MM, MRAD, PPM
+from lab.diagnosis.hypothesis import Finding
 from lab.formats.noise_model import noise_model_to_dict
 from lab.kinematics.effects.effect_registry import describe_term
 from lab.library.result import ErrorStatistics, number, sizes_mm
 from lab.noise.rigid_distances import CoordinateNoise
+from lab.phrases.diagnosis_phrases import HALF_95, deciding_measurement
 from lab.phrases.phrase import in_one_line, phrase, phrases
 from lab.prediction.estimate_files import measured_range_to_dict, residual_to_dict
 from lab.prediction.validation import TruthComparison
@@ -28,7 +30,7 @@ from lab.verdict.verdict import Answer, rotation_noise_rad
 if TYPE_CHECKING:
     from lab.library.calibration_result import CalibrationResult
 
-__all__ = ["calibration_values", "direction_to_dict"]
+__all__ = ["calibration_values", "diagnosis_to_dict", "direction_to_dict"]
 
 
 def calibration_values(result: "CalibrationResult") -> dict[str, Any]:
@@ -78,6 +80,7 @@ def _verdict(result: "CalibrationResult") -> dict[str, Any]:
         "reason": in_one_line(verdict.reasons),
         "reasons": list(phrases(verdict.reasons)),
         "gate_mm": result.options.gate_mm,
+        "findings": [diagnosis_to_dict(each) for each in result.diagnosis],
         "answers": {name: _answer_to_dict(each) for name, each in verdict.answers.items()},
         "judged_by": result.validation.judged_by,
         "before_mm": result.before.to_dict() if result.validated else None,
@@ -204,6 +207,29 @@ def _finding_to_dict(finding: Check) -> dict[str, Any]:
         "supported": finding.outcome != "failed",
         "between": None if between is None else list(between),
         "words": phrase(finding),
+    }
+
+
+def diagnosis_to_dict(finding: Finding) -> dict[str, Any]:
+    """An entry of ``findings``: sizes in the units of their names, with the half-widths of their 95 % intervals."""
+    of = finding.hypothesis
+    units = [{"m": MM, "rad": MRAD, "1": PPM}.get(unit, PPM) for unit in of.units]
+    lengths = {"explains": finding.explains_m, "before": finding.before_m, "after": finding.after_m}
+    return {
+        "name": finding.name,
+        "key": of.key,
+        "of": list(of.of),
+        "reading": finding.is_discrete,
+        "accepted": finding.accepted,
+        "sizes": [
+            {"size": unit.of(size), "half_width_95": unit.of(HALF_95 * std), "unit": unit.name}
+            for size, std, unit in zip(finding.sizes, finding.stds, units, strict=True)
+        ],
+        **{f"{name}_mm": number(MM.of(length)) for name, length in lengths.items()},
+        "evidence": finding.evidence,
+        "rivals": list(finding.rivals),
+        "deciding_measurement": deciding_measurement(finding.name, finding.rivals) or None,
+        "words": phrase(finding.check),
     }
 
 

@@ -14,9 +14,9 @@ from lab.core.se3 import Array
 from lab.core.units import DEGREES, MICRORADIANS, MM, MRAD, PPM, Unit, short_length
 from lab.phrases.template import Phrase, worded
 
-__all__ = ["NEXT_STEPS", "PHRASES", "deciding_measurement"]
+__all__ = ["HALF_95", "NEXT_STEPS", "PHRASES", "deciding_measurement"]
 
-_HALF_95 = 1.96  # of an interval, in standard deviations
+HALF_95 = 1.96  # of an interval, in standard deviations
 _MOST_NAMED = 5  # poses or pictures in a sentence
 _PER_CENT = Unit("1", "%", 100.0)
 
@@ -152,9 +152,10 @@ def _size(check: Check) -> str:
 def _norm(sizes: Array, stds: Array, si: str) -> tuple[str, bool]:
     """Return the length of a vector with its 95 %, and whether it is longer than these."""
     size = float(np.linalg.norm(sizes))
-    half = _HALF_95 * (float(np.linalg.norm(sizes * stds)) / size if size > 0 else float(np.linalg.norm(stds)))
+    half = HALF_95 * (float(np.linalg.norm(sizes * stds)) / size if size > 0 else float(np.linalg.norm(stds)))
     unit = _unit_of(si, size)
-    return f"{unit.of(size):.3g} ± {unit.of(half):.2g} {unit.name}", size > half
+    number, digits = unit.of(size), 3 if unit.of(size) < 100 else 4
+    return f"{number:.{digits}g} ± {unit.of(half):.2g} {unit.name}", size > half
 
 
 def _unit_of(si: str, size: float) -> Unit:
@@ -163,7 +164,7 @@ def _unit_of(si: str, size: float) -> Unit:
         return MM
     if si == "rad":
         return MICRORADIANS if size < 1e-4 else MRAD if size < 0.02 else DEGREES
-    return PPM if size < 1e-3 else _PER_CENT
+    return PPM if size < 0.95e-3 else _PER_CENT
 
 
 def _between(check: Check) -> str:

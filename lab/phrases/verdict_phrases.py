@@ -451,6 +451,9 @@ def next_step(verdict: Verdict, *, with_outliers: bool = False, in_instrument_fr
         good = _GOOD_NEXT if in_instrument_frame else _GOOD_WITHOUT_FRAME
         return good if verdict.word == "good" else _MORE
     names = [each.name for each in verdict.reasons]
+    keys = [each.data["key"] for each in verdict.reasons if each.data.get("discrete")]
+    if keys and names[0] != "diagnosis.other_robot":
+        return f"Correct the file; or, if the cause below is right, identify with --accept {','.join(keys)}."
     if with_outliers and not names[0].startswith(("arm", "links", "given", "diagnosis")):
         return _OUTLIERS
     name = next((each for each in _FREE if each in names), names[0])

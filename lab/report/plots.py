@@ -135,6 +135,7 @@ class Trend:
     causes: Array  # (n,)
     errors_mm: Array  # (n,)
     names: Sequence[str]
+    steps: Sequence[float] = ()  # causes at which something moved
 
 
 @dataclass(frozen=True)
@@ -432,6 +433,8 @@ def _trend(name: str, shown: Trend, reach: float, band_mm: float, level: float, 
         if np.isfinite(band_mm):
             axes.axhspan(-band_mm, band_mm, color=PREDICTED, alpha=0.13, linewidth=0)
         axes.axhline(0, color=INK, linewidth=0.6)
+        for at in shown.steps:
+            axes.axvline(at, color=HIGHLIGHT, linewidth=1.2, linestyle="--")
         axes.scatter(x, np.clip(y, -reach, reach), s=5, c=ARM, linewidths=0)
         if trend is not None:
             tint = AFTER if sure else MUTED

@@ -131,13 +131,14 @@ def judge(checks: Sequence[Check], gate_m: float | None = None) -> Verdict:
         checks: of the fit, its validation and its predictions, with those of lack of fit and of the errors.
         gate_m: the largest mean error that is allowed; None for no limit.
     """
-    foreign = [each for each in _failed(checks, "diagnosis") if _is_misread(each)] or _failed(checks, "arm")
+    misread = list(filter(_is_misread, _failed(checks, "diagnosis")))
+    foreign = misread or _failed(checks, "arm")
     accuracy, because = _accuracy(checks)
     fit, misfits = _fit(checks)
     determination, unsure = _determination(checks, gate_m)
     if foreign:  # of a fit that is not this arm's, small errors are no good news; of misread ones, large ones none
         found = accuracy, fit, determination
-        good = ("holds", "does not matter", *["doubtful", "bad"] * _is_misread(foreign[0]))
+        good = ("holds", "does not matter", *["doubtful", "bad"] * bool(misread))
         accuracy, fit, determination = (replace(a, standing="not judged") if a.standing in good else a for a in found)
     ratio = _one(checks, "fit.residuals").statistic  # NaN where the noise was not given
     reasons = sorted(

@@ -20,7 +20,7 @@ from lab.kinematics.parameter import Parameter
 from lab.library.calibration_result import CalibrationResult
 from lab.library.result import ErrorStatistics
 from lab.phrases.fit_phrases import model_name, standing
-from lab.phrases.phrase import in_one_line, phrases, reason_texts
+from lab.phrases.phrase import in_one_line, phrase, phrases, reason_texts
 from lab.phrases.verdict_phrases import gate_text, next_step, region_text, without_figures
 from lab.prediction.estimate import EstimatedParameter
 from lab.report import document as doc
@@ -81,10 +81,14 @@ _STATUS = {
 def document_of(result: CalibrationResult) -> doc.Document:
     """Build the document of a calibration, from the verdict to the parameters and the poses."""
     reasons = phrases(result.verdict.reasons)
+    if result.state.misread:  # of which no fit is to be believed
+        word = doc.Paragraph(("Verdict: ", verdict_badge(result.verdict.word)), shown_in=doc.NARROW)
+        return doc.Document(_title(result), (_card(result), word, _diagnosis(result), _residuals_as_read(result)))
     return doc.Document(
         _title(result),
         (
             _card(result),
+            _diagnosis(result),
             *_verdict_blocks(result),
             doc.Warnings(tuple(each for each in result.warnings if each not in reasons)),
             _errors(result),
@@ -97,9 +101,27 @@ def document_of(result: CalibrationResult) -> doc.Document:
     )
 
 
+@doc.guarded
+def _diagnosis(result: CalibrationResult) -> doc.Section:
+    """List what is wrong with the measurements; no section where nothing was found."""
+    found = tuple(sentence(phrase(each.check)) for each in result.diagnosis)
+    return doc.Section("What is wrong with the measurements", (doc.Bullets(found),))
+
+
+@doc.guarded
+def _residuals_as_read(result: CalibrationResult) -> doc.Section:
+    """Draw the errors of misread measurements, in which rows and joints show that are read wrongly."""
+    lead = doc.Paragraph(
+        f"The geometry was fitted to the {result.poses:,} poses as read; nothing else was searched or validated."
+    )
+    return doc.Section("The fit of the measurements as read", (lead, *residual_figures(result)[1:]))
+
+
 def _title(result: CalibrationResult) -> str:
     """Robot, errors before and after, verdict."""
     name, before, after = called(result.robot.name, result.options.serial), result.before, _reached(result)
+    if result.state.misread:
+        return f"{name}: misread measurements, {result.verdict.word}"
     if not result.validated:
         return f"{name}: identified, {result.verdict.word}"
     return f"{name}: {short(before.mean)} → {short(after.mean)} mm, {result.verdict.word}"
@@ -116,6 +138,11 @@ def _card(result: CalibrationResult) -> doc.Card:
     before, reached, verdict = result.before, _reached(result), result.verdict
     numbers: tuple[tuple[str, str, str], ...] = ()
     about = "The accuracy at other poses was not validated."
+    if result.state.misread:
+        first, *_, last = (*result.diagnosis, result.diagnosis[-1])
+        sizes = (("as read", first.before_m, "before"), ("undone", last.after_m, "after"))
+        numbers = tuple((name, short(MM.of(size), "mm"), kind) for name, size, kind in sizes)
+        about = "Root mean square error of the arm, with the measurements as read and with the mistakes undone."
     if result.validated:
         caption = "after" if result.after_without_outliers is None else "after, without outliers"
         numbers = (("before", short(before.mean, "mm"), "before"), (caption, short(reached.mean, "mm"), "after"))
@@ -175,8 +202,9 @@ def _validated_on(result: CalibrationResult) -> str:
 def _verdict_blocks(result: CalibrationResult) -> tuple[doc.Block, ...]:
     """Word the verdict with its gate, the reasons where it is not good, and the three answers, nothing twice."""
     verdict = result.verdict
-    reasons = doc.Bullets(tuple(map(capital, reason_texts(verdict.reasons))))
-    because = (doc.Paragraph("Because:"), reasons) if verdict.reasons else ()
+    above = [phrase(each.check) for each in result.diagnosis]
+    reasons = doc.Bullets(tuple(capital(each) for each in reason_texts(verdict.reasons) if each not in above))
+    because = (doc.Paragraph("Because:"), reasons) if reasons.items else ()
     answers = tuple(
         (doc.Strong(f"{capital(name)}: {each.standing}."), f" {_answer_text(each, verdict.reasons)}")
         for name, each in sorted(verdict.answers.items(), key=lambda pair: pair[1].standing in _GOOD)

@@ -334,7 +334,15 @@ def _in_order(result: CalibrationResult, residuals: Array) -> list[Trend]:
     sums = np.where(seen[..., None], residuals, 0.0)[rows].sum(axis=1) / np.sqrt(seen[rows].sum(axis=1))[:, None]
     axis = "time, min" if timed else "pose, in order"
     names = [data.ids[row] for row in rows.tolist()]
-    return [Trend(name, axis, at[rows], MM.of(sums[:, k]), names) for k, name in enumerate("xyz")]
+    steps = _steps(result, at)
+    return [Trend(name, axis, at[rows], MM.of(sums[:, k]), names, steps) for k, name in enumerate("xyz")]
+
+
+def _steps(result: CalibrationResult, at: Array) -> list[float]:
+    """Return where something moved, midway between the two rows of each step (in the order or time of the rows)."""
+    places = dict(zip(result.fitted.ids, at.tolist(), strict=True))
+    between = [each.hypothesis.of[-2:] for each in result.diagnosis if each.name.endswith("_step")]
+    return [(places[last] + places[first]) / 2 for last, first in between if {last, first} <= set(places)]
 
 
 def _quantiles(residuals: Array) -> Picture:
@@ -513,6 +521,8 @@ def residual_figures(result: CalibrationResult) -> tuple[Block, ...]:
         "Errors in time, mm, along each axis of the instrument, and the residuals over their RMS against a normal "
         "distribution: normal noise lies on the line, within its band."
     )
+    if any(each.name.endswith("_step") for each in result.diagnosis):
+        in_time += " Dashed: something moved there, which the fit contains."
     return (
         Figure("residuals", pictures[:joints], by_joint + summary),
         Figure("residuals-in-time", pictures[joints:], in_time),
