@@ -89,7 +89,10 @@ def diagnosed(state: Fitted) -> Fitted:
         return state
     observed, _ = weigh(observation_of(found.model), rows, fitter.noise.independent)
     effects = fitter.derivatives_by_others(found, (), rows, _MISTAKES)
-    fine = fine_mistakes(found, observed, rows, effects, several_a_pose=fitter.kind.several_a_pose)
+    try:
+        fine = fine_mistakes(found, observed, rows, effects, several_a_pose=fitter.kind.several_a_pose)
+    except np.linalg.LinAlgError:  # variances that the residuals do not determine
+        return state
     steps = tuple(step for each in fine.findings if (step := _step(each, rows)) is not None)
     fitted = [each.name in STEP_GROUPS or each.name in _FITTED_ANYWAY for each in fine.findings]
     findings = tuple(each.as_accepted() if has else each for each, has in zip(fine.findings, fitted, strict=True))
