@@ -4,6 +4,7 @@ Student's t with n degrees of freedom stands for noise whose variance changes by
 Its shape is fitted to the residuals within several times their median alone, so that outliers do not look like tails.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Protocol
@@ -13,13 +14,15 @@ import scipy  # its parts are loaded at their first use, which not every process
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identification import Identification
-from lab.calibration.observation import Observation, observation_of, only_positions
+from lab.calibration.observation import Observation, ReadingsInWholes, observation_of, only_positions
 from lab.calibration.prior import ActingPrior
 from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_errors, is_doubted
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, held_out_outliers
+from lab.calibration.statistics.whole_outliers import find_whole_outliers, held_out_whole_outliers
 from lab.calibration.weights import Noise, error_shapes, joined, weigh, weighted_constraints
+from lab.core.errors import LabError
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.random import rng_for
@@ -284,6 +287,10 @@ def outliers_among_fitted(
             unweighted = joined(beside, prior.rows(LEAST_SIGMA_M))
             sigma = _sigma_without(searched(extra_residuals=unweighted, rng=rng_for(seed, "null"), shape=shape), alone)
         extra = joined(beside, prior.rows(sigma))
+    if isinstance(observation, ReadingsInWholes):
+        search_wholes = partial(find_whole_outliers, start.model, alone, observation.wholes(alone.inputs))
+        places = (start.fit.free, start.nominal_aligned, start.values)
+        return _sized(search_wholes(*places, rng=rng_for(seed, "null"), extra_residuals=extra), observation, rows)
     # with the tails that the noise has without them, where these are heavy
     search = partial(searched, extra_residuals=extra)
     found = search(rng=rng_for(seed, "null"), shape=shape)
@@ -317,7 +324,8 @@ def _sized(found: Outliers, observation: Observation, rows: Measurements) -> Out
     """Return the outliers with the lengths of their errors, as the observation counts them, the largest first."""
     sizes = np.nan_to_num(observation.errors(rows[found.rows], found.fit.values)).max(axis=1)
     order = np.argsort(-sizes, kind="stable")
-    return replace(found, rows=found.rows[order], sizes_m=sizes[order], p_values=found.p_values[order])
+    wholes = found.wholes[order] if len(found.wholes) else found.wholes
+    return replace(found, rows=found.rows[order], sizes_m=sizes[order], p_values=found.p_values[order], wholes=wholes)
 
 
 def _sigma_without(found: Outliers, observations: Observations) -> float:
@@ -333,6 +341,11 @@ def outliers_among_held_out(
     """Find outliers among poses held out, by an identification from ``rows``."""
     observation = observation_of(found.model)
     parts = [weigh(observation, part, noise) for part in (rows, held_out)]
+    if isinstance(observation, ReadingsInWholes):
+        before, after = ((part, observation.wholes(part.inputs)) for part in (each.pose_by_pose() for each, _ in parts))
+        off = held_out_whole_outliers(found.model, before, after, found.fit, found.extra_residuals)
+        sizes = np.nan_to_num(observation.errors(held_out[off.rows], found.values)).max(axis=1, initial=0.0)
+        return replace(off, sizes_m=sizes)
     both = parts[0][0].pose_by_pose().joined(parts[1][0].pose_by_pose())
     return held_out_outliers(
         found.model,
@@ -410,8 +423,9 @@ def noise_of(fits: _Fits, rows: Measurements) -> NoiseSearch:
         first = _Explanation(search, frozenset(), search.deviance)
         explanations.append(_settled(fits, rows, first, reach, counts))
     if outliers:
-        explanations.append(_settled(fits, rows, _without(fits, rows, outliers, reach, counts), reach, counts))
-    return min(explanations, key=lambda each: each.deviance).search
+        with suppress(LabError):  # the others are too few for the parameters: they are fitted with the outliers
+            explanations.append(_settled(fits, rows, _without(fits, rows, outliers, reach, counts), reach, counts))
+    return min(explanations, key=lambda each: each.deviance).search if explanations else search
 
 
 def _counted(whole: Identification, rows: Measurements, encoders: Encoders | None) -> ErrorModel | None:
@@ -431,7 +445,10 @@ def _settled(
         outliers = _rows(fits.outliers(fits.fitted(rows, shared), rows, shared))
         if outliers == here.outliers:
             break
-        here = _without(fits, rows, outliers, reach, counts)
+        try:
+            here = _without(fits, rows, outliers, reach, counts)
+        except LabError:  # the others are too few for the parameters
+            break
     return here
 
 

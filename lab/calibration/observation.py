@@ -19,6 +19,7 @@ __all__ = [
     "ArmObservation",
     "Observation",
     "Points",
+    "ReadingsInWholes",
     "UnscaledObservation",
     "UnsizedObservation",
     "WeighsPriors",
@@ -112,6 +113,14 @@ class UnscaledObservation(Observation, Protocol):
     @property
     def spreads_freely(self) -> bool:
         """Check whether the spread of the readings says nothing of their unit."""
+
+
+@runtime_checkable
+class ReadingsInWholes(Observation, Protocol):
+    """Observation of places ``(n, 1, 2)`` that come in wholes, off together: corners in pictures."""
+
+    def wholes(self, inputs: Array) -> NDArray[np.int_]:
+        """Return the number of each row's whole, from 0 on."""
 
 
 @runtime_checkable

@@ -78,6 +78,12 @@ class _Reading:
         return _described(self.misses, self.rows, _ANYWHERE_M)[1]
 
     @property
+    def is_mostly_sound(self) -> bool:
+        """Whether three quarters of the rows are about as near as a nominal arm comes."""
+        known = self.misses[~np.isnan(self.misses)]
+        return bool(len(known)) and float(np.quantile(known, 0.75)) <= 2 * _LARGE
+
+    @property
     def misses_by_much(self) -> bool:
         """Whether anything can be gained by reading otherwise."""
         known = self.misses[~np.isnan(self.misses)]
@@ -136,7 +142,7 @@ def gross_mistakes(
         findings.append(found[0])
         here = found[1]
     limit = _FAR * max(here.ordinary_m, _SCALES_M[0])
-    outliers = tuple(name for name, miss in zip(data.ids, here.misses, strict=True) if not miss <= limit)
+    outliers = tuple(name for name, miss in zip(data.ids, here.misses, strict=True) if miss > limit)
     return Gross(tuple(findings), here.data, outliers if len(outliers) < len(data) / 2 else (), first.misses)
 
 
@@ -177,9 +183,9 @@ class _Task:
         """Return the hypothesis that shortens the description most, with the measurements read so; None if none."""
         # all hypotheses by few rows, links as they are; the best of them by more rows, with the links refined
         hypotheses = self._hypotheses(here)
-        few = self.read(_thinned(here.data, _FEW_ROWS))
+        few = self.read(self._thinned(here.data, _FEW_ROWS))
         rough = sorted((-self._gain(each, here, few, _FEW_ROWS), i) for i, each in enumerate(hypotheses))
-        base = self.refined(_thinned(here.data, _MOST_ROWS))
+        base = self.refined(self._thinned(here.data, _MOST_ROWS))
         tried = list[tuple[float, Hypothesis, "_Task"]]()
         for _, i in rough[:_REFINED]:
             of = hypotheses[i]
@@ -200,6 +206,8 @@ class _Task:
 
     def _hypotheses(self, here: _Reading) -> list[Hypothesis]:
         known = list(hypotheses_of(self.sensor, self.arm, here.data))
+        if self._by_sensor and here.is_mostly_sound:  # what is wrong with all rows does not explain a few
+            return known
         known += joint_mistakes(self.arm.chain, here.data)
         if not self._by_sensor:
             known += point_mistakes()
@@ -215,7 +223,7 @@ class _Task:
         assert hypothesis.corrected is not None
         task = self._by(hypothesis)
         try:
-            data = _thinned(hypothesis.corrected(here.data), rows)
+            data = self._thinned(hypothesis.corrected(here.data), rows)
             reading = task.refined(data) if base.placement.price or rows > _FEW_ROWS else task.read(data)
         except (LabError, np.linalg.LinAlgError):
             return -np.inf
@@ -223,17 +231,17 @@ class _Task:
         known = float(np.log(hypothesis.alternatives))
         return base.length(base.rows) - reading.length(base.rows) + scaled - known
 
+    def _thinned(self, data: Measurements, rows: int) -> Measurements:
+        """Return so many rows, evenly; all of a sensor that knows its misses, as rows of a picture belong together."""
+        some = None if self._by_sensor else evenly(len(data), rows)
+        return data if some is None else data[some]
+
     def _by(self, hypothesis: Hypothesis) -> "_Task":
         return self if hypothesis.sensor is None else replace(self, sensor=hypothesis.sensor)
 
     def _of_robot(self, made: Callable[[], RigidArm]) -> "_Task":
         arm = made()
         return replace(self, arm=arm, nominal=arm.nominal({target: np.zeros(3) for target in arm.targets}))
-
-
-def _thinned(data: Measurements, rows: int) -> Measurements:
-    some = evenly(len(data), rows)
-    return data if some is None else data[some]
 
 
 def _other_robot(name: str) -> Hypothesis:

@@ -35,9 +35,13 @@ def standing(group: GroupTrial) -> str:
 
 
 def _retained_outliers(check: Check) -> str:
-    data, several = check.data, check.data["count"] > 1
+    data = check.data
+    pictures = data.get("pictures", 0)
+    several = data["count"] + pictures > 1
     first = "" if data["searched"] or not several else "--model auto first searches for effects that explain them; "
-    count = f"{data['count']} poses are outliers" if several else "1 pose is an outlier"
+    single = "corner" if data.get("in_pictures") else "pose"
+    named = [counted(number, what) for number, what in ((pictures, "picture"), (data["count"], single)) if number]
+    count = f"{' and '.join(named)} {'are outliers' if several else 'is an outlier'}"
     return (
         f"{count}, with a residual of {'up to ' if several else ''}{MM.text(data['largest_m'])}, kept in the "
         f"fit: {first}--robust would exclude {'them' if several else 'it'}, which moves the predicted points "
@@ -48,7 +52,8 @@ def _retained_outliers(check: Check) -> str:
 def _held_out_outliers(check: Check) -> str:
     count = check.data["count"]
     outliers, them = ("are outliers", "them") if count > 1 else ("is an outlier", "it")
-    return f"{counted(count, 'pose')} of the hold-out set {outliers}: the validation error includes {them}"
+    named = counted(count, check.data.get("what", "pose"))
+    return f"{named} of the hold-out set {outliers}: the validation error includes {them}"
 
 
 def _excluded_outliers(check: Check) -> str:

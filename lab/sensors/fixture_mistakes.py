@@ -37,6 +37,7 @@ LENGTH_UNITS = (("cm", 10.0), ("inches", 25.4), ("m", 1e3), ("a tenth of mm", 0.
 _FITTED_ROWS = 150  # of very many
 _STEPS = 8  # of Gauss-Newton
 _NEAR = 2.5  # times the median of a fixture's rows: a row farther off is left out
+_ORDINARY_M = 2e-3  # miss of a nominal arm: a row as near is like the others
 _LEAST_M = 1e-6
 _CAP = 3.0  # times the median: a larger miss counts as this
 _DAMPING = 1e-8  # of the mean square slope
@@ -186,7 +187,7 @@ class _Placing:
     def best(self) -> Array:
         """Return the values ``(q,)`` that most rows agree on."""
         few, rng = self._thinned(), rng_for(0, "null")
-        values = np.stack([few._start(rng) for _ in range(self.model.starts)])
+        values = few._starts(rng)
         for _ in range(_STEPS):
             left, slopes = few.residuals(values)
             values = values + few._steps(values, left, slopes, few._near(left))
@@ -204,26 +205,29 @@ class _Placing:
             picked.append(own[np.unique(np.linspace(0, len(own) - 1, min(each, len(own))).round().astype(np.int_))])
         return self.take(np.sort(np.concatenate(picked)))
 
-    def _start(self, rng: np.random.Generator) -> Array:
-        """Return values ``(q,)`` with the target where it is nominally, and each fixture by its best few rows."""
-        found = [self.start, np.zeros(self.shared)]
-        for i in range(len(self.model.numbers)):
-            own = self.take(np.flatnonzero(self.index == i))
-            found.append(own._located(rng))
-        return np.concatenate(found)
+    def _starts(self, rng: np.random.Generator) -> Array:
+        """Return values ``(s, q)``: the target where it is nominally, with the best, the second best, ... fixtures."""
+        located = [self.take(np.flatnonzero(self.index == i))._located(rng) for i in range(len(self.model.numbers))]
+        fixed = np.concatenate([self.start, np.zeros(self.shared)])
+        count = self.model.starts
+        return np.stack(
+            [np.concatenate([fixed, *(each[min(i, len(each) - 1)] for each in located)]) for i in range(count)]
+        )
 
-    def _located(self, rng: np.random.Generator) -> Array:
-        """Return the fixture ``(k,)`` of all rows by the few that most others are near to (Rousseeuw 1984)."""
+    def _located(self, rng: np.random.Generator) -> list[Array]:
+        """Return places ``(k,)`` of the fixture of all rows by few of them, those near to most others first."""
         points, n = self.origins + self.axes @ self.start, len(self.index)
         few = min(self.model.least_rows, n)
-        tried = list[tuple[float, int, Array]]()
+        found = list[Array]()
         for _ in range(self.model.draws if n > few else 1):
             rows = rng.permutation(n)[:few]
-            fixture = self.model.located(points[rows], self.measured[rows], self.rows[rows])
-            many = np.broadcast_to(fixture, (n, len(fixture)))
-            sizes = _sizes(self.measured - self.model.predict(points, many, self.rows).observed)
-            tried.append((float(np.median(np.nan_to_num(sizes, nan=np.inf))), len(tried), fixture))
-        return min(tried, key=lambda each: each[:2])[-1]
+            found.append(self.model.located(points[rows], self.measured[rows], self.rows[rows]))
+        # how far half of the rows are from each (Rousseeuw 1984)
+        b, many = len(found), np.repeat(np.stack(found), n, axis=0)
+        predicted = self.model.predict(np.tile(points, (b, 1)), many, np.tile(self.rows, (b, 1))).observed
+        sizes = _sizes(self.measured - predicted.reshape(b, n, -1))
+        order = np.argsort(np.median(np.nan_to_num(sizes, nan=np.inf), axis=1), kind="stable")
+        return [found[i] for i in order]
 
     def _near(self, left: Array) -> NDArray[np.bool_]:
         """Return the rows ``(b, n)`` near the majority of their fixture."""
@@ -231,7 +235,7 @@ class _Placing:
         for i in range(len(self.model.numbers)):
             own = self.index == i
             middle = np.median(sizes[:, own], axis=1, keepdims=True)
-            near[:, own] = sizes[:, own] <= _NEAR * np.maximum(middle, _LEAST_M)
+            near[:, own] = sizes[:, own] <= _NEAR * np.maximum(middle, _ORDINARY_M)
         return near
 
     def _steps(self, values: Array, left: Array, slopes: Array, near: NDArray[np.bool_]) -> Array:

@@ -35,7 +35,7 @@ from lab.kinematics.serial.chain import Chain
 from lab.noise.instruments import Instrument, is_isotropic
 from lab.prediction.extrapolation import MOST_UNCOVERED, MeasuredRange
 from lab.prediction.validation import Validation
-from lab.verdict.fitted import Fitted, Named
+from lab.verdict.fitted import Fitted, Named, one_each
 from lab.verdict.joint_lag import lagging, moves_before
 from lab.verdict.verdict import Answer, Verdict
 
@@ -154,13 +154,17 @@ def check_outliers(found: Identification, seen: Observations, outliers: Outliers
         return []
     moved = would_matter(found.model, seen, found.values, outliers.fit.values)
     largest = float(outliers.sizes_m[0])
-    return [_failed("outliers.kept", count=len(outliers.rows), largest_m=largest, moved_m=moved, searched=searched)]
+    single = int((outliers.wholes < 0).sum()) if len(outliers.wholes) else len(outliers.rows)
+    pictures = len(np.unique(outliers.wholes[outliers.wholes >= 0]))
+    data = {"count": single, "pictures": pictures, "in_pictures": bool(len(outliers.wholes))}
+    return [_failed("outliers.kept", **data, largest_m=largest, moved_m=moved, searched=searched)]
 
 
 def check_held_out(outliers: tuple[Named, ...]) -> list[Check]:
     """Count the outliers of the hold-out set."""
-    count = sum(pose.held_out for pose in outliers)
-    return [_failed("outliers.held_out", count=count)] if count else []
+    held_out = one_each([pose for pose in outliers if pose.held_out])
+    what = "picture" if any(pose.whole >= 0 for pose in held_out) else "pose"
+    return [_failed("outliers.held_out", count=len(held_out), what=what)] if held_out else []
 
 
 def check_excluded(outliers: Sequence[Named]) -> Check:

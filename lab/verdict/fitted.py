@@ -41,7 +41,7 @@ from lab.verdict.remaining_error import (
 )
 from lab.verdict.verdict import Verdict
 
-__all__ = ["UNJUDGED", "Fitted", "JudgementOptions", "Named", "named_poses"]
+__all__ = ["UNJUDGED", "Fitted", "JudgementOptions", "Named", "named_poses", "one_each"]
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ class Named:
         size_m: distance of its farthest target from the prediction by the other poses.
         p: the chance that noise alone makes any pose of a campaign stand out as far.
         held_out: whether it was not fitted, but is judged by.
+        whole: number of the picture that it is off with; -1 where it is off alone.
     """
 
     id: str
@@ -60,6 +61,7 @@ class Named:
     size_m: float
     p: float
     held_out: bool
+    whole: int = -1
 
 
 class _Missing:
@@ -251,8 +253,17 @@ class Fitted:
         return instrument_noise(self.rows.points)
 
 
+def one_each(outliers: Sequence[Named]) -> tuple[Named, ...]:
+    """Return the outliers with each picture that is off as a whole once: its corner that is farthest off."""
+    first = dict[tuple[bool, object], Named]()
+    for pose in outliers:
+        first.setdefault((pose.held_out, pose.id if pose.whole < 0 else pose.whole), pose)
+    return tuple(first.values())
+
+
 def named_poses(rows: Measurements, found: Outliers | HeldOut, *, held_out: bool = False) -> tuple[Named, ...]:
     """Return the poses that the outlier test found, by the rows' own names."""
     lines = [rows.lines[i] if rows.lines else None for i in found.rows]
-    parts = zip(found.rows, lines, found.sizes_m, found.p_values, strict=True)
-    return tuple(Named(rows.ids[i], line, float(size), float(p), held_out) for i, line, size, p in parts)
+    wholes = found.wholes.tolist() if len(found.wholes) else [-1] * len(found.rows)
+    parts = zip(found.rows, lines, found.sizes_m, found.p_values, wholes, strict=True)
+    return tuple(Named(rows.ids[i], line, float(size), float(p), held_out, of) for i, line, size, p, of in parts)

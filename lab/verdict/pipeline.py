@@ -17,7 +17,7 @@ import numpy as np
 from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.fitter import Fitter, NominalRobot
 from lab.calibration.noise_search import outliers_among_held_out, tail_of
-from lab.calibration.observation import observation_of, only_positions
+from lab.calibration.observation import ReadingsInWholes, observation_of, only_positions
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.gaussian_process import GROUP
 from lab.calibration.row_groups import hold_out, hold_out_last, rows_in_time
@@ -347,7 +347,8 @@ def _find_outliers(state: Fitted) -> Fitted:
     found, noise = state.weighted, state.fitter.noise
     search = state.outlier_search or state.fitter.outliers_of(found, state.given)
     outliers, tail = named_poses(state.given, search), tail_of(found, state.rows, noise)
-    if state.held_out is not None and observation_of(found.model).positions:
+    observation = observation_of(found.model)
+    if state.held_out is not None and (observation.positions or isinstance(observation, ReadingsInWholes)):
         outliers += named_poses(
             state.held_out, outliers_among_held_out(found, state.rows, state.held_out, noise, tail), held_out=True
         )

@@ -6,7 +6,7 @@ a whole campaign: the chance that any outlier is reported where there is noise a
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,16 @@ from lab.core.se3 import Array
 from lab.core.significance import CAMPAIGN_OUTLIERS
 from lab.kinematics.model import Model
 
-__all__ = ["LEAST_SIGMA_M", "HeldOut", "Outliers", "find_outliers", "held_out_outliers", "leave_out", "would_matter"]
+__all__ = [
+    "LEAST_SIGMA_M",
+    "HeldOut",
+    "Outliers",
+    "find_outliers",
+    "held_out_outliers",
+    "leave_out",
+    "residual_lengths",
+    "would_matter",
+]
 
 _MISFIT = 1.5  # times the known sigma: from there on the residuals of most poses are not its noise
 LEAST_SIGMA_M = 1e-6  # an estimated sigma below is no instrument's, but what models leave of each other
@@ -35,7 +44,12 @@ _TUKEY_TAIL = 2 * normal_sf(4.685)  # weight zero where noise is as rare as at T
 _ROUNDS = 30
 _FIRST_POSES = 4_000  # of very many, on which the search begins
 _HALVINGS, _WORSE = 10, 1.5  # of a robust step after which half of the poses are missed by so many times the least
+
 _SETTLED = 0.01  # sigma: a robust step below ends its iteration
+
+
+def _no_wholes() -> NDArray[np.int_]:
+    return np.empty(0, dtype=np.int_)
 
 
 @dataclass(frozen=True)
@@ -52,6 +66,8 @@ class Outliers:
         level: the chance that a campaign of noise alone has an outlier.
         needed: rows that fail the test, but without which the others do not identify the parameters: they are fitted,
             and end the search.
+        wholes: ``(o,)`` number of the picture with which each is off; -1 where it is off alone. Empty where rows are
+            poses.
     """
 
     rows: NDArray[np.int_]
@@ -62,6 +78,7 @@ class Outliers:
     sigma_given: bool
     level: float
     needed: NDArray[np.int_]
+    wholes: NDArray[np.int_] = field(default_factory=_no_wholes)
 
 
 def find_outliers(
@@ -103,7 +120,7 @@ def find_outliers(
         if (inside == before).all():
             break
     p, _ = test.judge(linear.within(inside), linear.residual)
-    rows, sizes = np.flatnonzero(~inside), _sizes(model, observed, values, things)
+    rows, sizes = np.flatnonzero(~inside), residual_lengths(model, observed, values, things)
     rows = rows[np.argsort(-sizes[rows], kind="stable")]
     return Outliers(
         rows, sizes[rows], test.campaign(p[rows]), solution, weights[: linear.poses], plausible, level, needed
@@ -117,6 +134,7 @@ class HeldOut:
     rows: NDArray[np.int_]
     sizes_m: Array
     p_values: Array
+    wholes: NDArray[np.int_] = field(default_factory=_no_wholes)
 
 
 def held_out_outliers(
@@ -150,7 +168,10 @@ def held_out_outliers(
         sizes, scale = np.maximum(within.count, 1), 1.0 if plausible else float(total) / max(within.dof, 1)
         p = np.maximum(p, p_value_of_squares(distance, sizes, tail_dof, scale * (tail_dof - 2) / tail_dof))
     campaign = np.minimum(1.0, p * max(linear.poses - fitted, 1))
-    rows, sizes = np.flatnonzero(~inside & (campaign < level)), _sizes(model, observed, solution.values, things)
+    rows, sizes = (
+        np.flatnonzero(~inside & (campaign < level)),
+        residual_lengths(model, observed, solution.values, things),
+    )
     rows = rows[np.argsort(-sizes[rows], kind="stable")]
     return HeldOut(rows - fitted, sizes[rows], campaign[rows])
 
@@ -338,7 +359,7 @@ def _weighted_step(linear: LinearizedFit, basis: Array, weights: Array) -> Array
     return np.asarray(np.linalg.solve(normal, spread @ linear.residual.ravel()))
 
 
-def _sizes(model: Model, observed: Observations, values: Array, things: int | None) -> Array:
+def residual_lengths(model: Model, observed: Observations, values: Array, things: int | None) -> Array:
     """Largest residual length ``(n,)`` of each pose's observed targets (m)."""
     lengths = np.linalg.norm((observed.points - model.points(observed.inputs, values))[:, :things], axis=2)
     return np.asarray(np.where(np.isnan(lengths), 0.0, lengths).max(axis=1))

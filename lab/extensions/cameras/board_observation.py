@@ -226,6 +226,12 @@ class Pixels:
         errors[known, 0] = np.linalg.norm(angle, axis=1) * np.abs(scene.in_camera[:, 2])
         return errors
 
+    def wholes(self, inputs: Array) -> NDArray[np.int_]:
+        """Return the number of each row's picture: of one board by one camera in one pose."""
+        pairs = inputs[:, -1].astype(np.int_) // self.rig.corners_each
+        keys = np.column_stack([_runs(inputs[:, :-1])[1], pairs])
+        return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+
     def cv_groups(self, data: Measurements) -> None:
         """Return None: the corners of a configuration are held out together."""
 

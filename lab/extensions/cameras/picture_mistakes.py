@@ -53,7 +53,6 @@ class Pictures:
         pose: ``(v,)`` number of the arm's pose that each was taken in, and ``(n,)`` that of each row.
         camera, board: ``(v,)`` indices in the rig.
         Ts: ``(v, 4, 4)`` m, the board in the camera; NaN where too few corners are seen, or those of no board.
-        strange: ``(v,)`` whether corners are those of no board.
     """
 
     view: NDArray[np.int_]
@@ -64,7 +63,6 @@ class Pictures:
     camera: NDArray[np.int_]
     board: NDArray[np.int_]
     Ts: Array
-    strange: NDArray[np.bool_]
 
     @staticmethod
     def of(rig: Rig, data: Measurements, numbers: NDArray[np.int_], seen: NDArray[np.bool_]) -> "Pictures":
@@ -92,29 +90,28 @@ class Pictures:
         pose = by_pose[pose_rank]
         pose_of_row = np.where(view >= 0, pose[view], -1)
         places = np.asarray(PX.to_si(np.column_stack([data.conditions["u_px"], data.conditions["v_px"]])))
-        Ts, strange = np.full((len(first), 4, 4), np.nan), np.zeros(len(first), dtype=np.bool_)
+        Ts = np.full((len(first), 4, 4), np.nan)
         for i, j in product(range(len(rig.cameras)), range(len(rig.boards))):
             own = np.flatnonzero((camera[first] == i) & (board[first] == j))
             if len(own):
-                Ts[own], strange[own] = _board_poses(rig.cameras[i], rig.boards[j], (own, view, corner, places))
-        return Pictures(view, first, middle, pose, pose_of_row, camera[first], board[first], Ts, strange)
+                Ts[own] = _board_poses(rig.cameras[i], rig.boards[j], (own, view, corner, places))
+        return Pictures(view, first, middle, pose, pose_of_row, camera[first], board[first], Ts)
 
 
 def _board_poses(
     camera: Camera, board: Board, seen: tuple[NDArray[np.int_], NDArray[np.int_], NDArray[np.int_], Array]
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Return a board's poses ``(m, 4, 4)`` in a camera, in some pictures, and which ``(m,)`` show no such board."""
+) -> Array:
+    """Return a board's poses ``(m, 4, 4)`` in a camera, in some pictures; NaN where these show no such board."""
     own, view, corner, places = seen
     rows = np.flatnonzero(np.isin(view, own))
     flat = np.full((len(own), len(board), 2), np.nan)
     flat[np.searchsorted(own, view[rows]), corner[rows]] = sight_lines(places[rows], camera.intrinsic_values)
     Ts, residual = board_poses(board.corners, flat)
     known = np.isfinite(residual)
-    strange = np.zeros(len(Ts), dtype=np.bool_)
     if known.any():
-        strange[known] = (residual[known] > _BLURRED * np.median(residual[known])) | (Ts[known, 2, 3] <= 0)
-    Ts[strange] = np.nan
-    return Ts, strange
+        strange = (residual[known] > _BLURRED * np.median(residual[known])) | (Ts[known, 2, 3] <= 0)
+        Ts[np.flatnonzero(known)[strange]] = np.nan
+    return Ts
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +177,6 @@ def placed_pictures(rig: Rig, pictures: Pictures, arm: Model, data: Measurements
         known = np.flatnonzero(own & np.isfinite(pictures.Ts).all(axis=(1, 2)))
         if len(known) < _LEAST_PICTURES:
             continue
-        misses[own & pictures.strange] = np.inf
         pairs[i, j] = _placed(known, As[known], pictures.Ts[known], rig.boards[j])
         misses[known] = pairs[i, j].misses
     return PlacedPictures(pictures, As, pairs, misses)

@@ -36,6 +36,7 @@ from lab.report.views.calibration_figures import (
     where_figures,
 )
 from lab.report.views.calibration_scene import page_scene
+from lab.verdict.fitted import one_each
 from lab.verdict.remaining_error import ExplainedError
 from lab.verdict.verdict import Answer, rotation_noise_rad
 
@@ -368,12 +369,12 @@ def _explained(explained: ExplainedError | None) -> tuple[str, str]:
 
 @doc.guarded
 def _outliers(result: CalibrationResult) -> doc.Section:
-    outliers = result.state.outliers
+    outliers = one_each(result.state.outliers)
     fitted = "excluded from the fit" if result.state.left_out else "kept in the fit"
     held_out = "hold-out set, kept in the validation"
     rows = tuple(
         (
-            pose.id,
+            pose.id if pose.whole < 0 else f"{pose.id} and all of its picture",
             "" if pose.line is None else str(pose.line),
             short(MM.of(pose.size_m)),
             short(pose.p),
