@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.guess import columns_of
 from lab.core.measurements import Measurements
@@ -68,15 +69,45 @@ def steps_of(model: Model, jacobian: Array, slopes: Array, joint_names: Sequence
         yield Steps(Hypothesis("joint_step", (name,), columns=column, units=("rad",), rivals=("base_step",)))
 
 
-def lasting_mistakes(
-    model: Model, jacobian: Array, slopes: Array, rows: Measurements, points: Array, times: Array
-) -> Iterator[Hypothesis]:
-    """Yield mistakes that last for the whole campaign.
+@dataclass(frozen=True)
+class Space:
+    """Observed things as they are predicted, of which some are positions in a measured space.
 
-    Args:
-        points: ``(n, k, d)`` as predicted, about their mean where they are positions.
+    Attributes:
+        predicted: ``(n, k, d)``.
+        placed: ``(k,)`` which things are positions (m).
         times: ``(n,)`` of the rows, from -0.5 to 0.5.
     """
+
+    predicted: Array
+    placed: NDArray[np.bool_]
+    times: Array
+
+    def mistakes(self) -> Iterator[Hypothesis]:
+        """Yield mistakes of the measured space: scale, shear, drift and growth."""
+        if not self.placed.any():
+            return
+        points = np.zeros(self.predicted.shape)
+        points[:, self.placed] = self.predicted[:, self.placed] - self.predicted[:, self.placed].mean(axis=(0, 1))
+        yield Hypothesis("scale", columns=points[..., None], units=("1",), rivals=("link",))
+        sheared = np.zeros((*points.shape, 5))
+        for column, (a, b) in enumerate(_SHEARS):
+            sheared[..., a, column] = points[..., b]
+            sheared[..., b, column] = points[..., a]
+        sheared[..., 0, 3], sheared[..., 1, 3] = points[..., 0], -points[..., 1]
+        sheared[..., 2, 4], sheared[..., 0, 4] = 2 * points[..., 2], -points[..., 0]
+        sheared[..., 1, 4] = -points[..., 1]
+        yield Hypothesis("shear", columns=sheared, units=("1",) * 5)
+        at = self.times[:, None, None, None]
+        axes = np.eye(3) * self.placed[:, None, None]
+        yield Hypothesis("drift", columns=at * axes, units=("m",) * 3)
+        yield Hypothesis("growth", columns=at * points[..., None], units=("1",))
+
+
+def lasting_mistakes(
+    model: Model, jacobian: Array, slopes: Array, rows: Measurements, space: Space
+) -> Iterator[Hypothesis]:
+    """Yield mistakes that last for the whole campaign."""
     joints, names = rows.joints, rows.joint_names
     about = joints - joints.mean(axis=0)
     count = len(names)
@@ -94,21 +125,4 @@ def lasting_mistakes(
         name, of = ("joint_zero", names[int(zero[1]) - 1]) if zero else ("link", each.name)
         column = jacobian[..., i : i + 1]
         yield Hypothesis(name, (of,), len(links), columns=column, units=(each.unit.si,), rivals=("scale",))
-    if points.shape[2] == 3 and columns_of(model, ("base",)):
-        yield from _of_space(points, times)
-
-
-def _of_space(points: Array, times: Array) -> Iterator[Hypothesis]:
-    """Yield mistakes of the measured space: scale, shear, drift and growth."""
-    yield Hypothesis("scale", columns=points[..., None], units=("1",), rivals=("link",))
-    sheared = np.zeros((*points.shape, 5))
-    for column, (a, b) in enumerate(_SHEARS):
-        sheared[..., a, column] = points[..., b]
-        sheared[..., b, column] = points[..., a]
-    sheared[..., 0, 3], sheared[..., 1, 3] = points[..., 0], -points[..., 1]
-    sheared[..., 2, 4], sheared[..., 0, 4] = 2 * points[..., 2], -points[..., 0]
-    sheared[..., 1, 4] = -points[..., 1]
-    yield Hypothesis("shear", columns=sheared, units=("1",) * 5)
-    at = times[:, None, None, None]
-    yield Hypothesis("drift", columns=at * np.broadcast_to(np.eye(3), (*points.shape, 3)), units=("m",) * 3)
-    yield Hypothesis("growth", columns=at * points[..., None], units=("1",))
+    yield from space.mistakes()

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identification import Identification
+from lab.calibration.observation import observation_of
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.measurements import Measurements, evenly
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.diagnosis.continuous import Steps, lasting_mistakes, steps_of
+from lab.diagnosis.continuous import Space, Steps, lasting_mistakes, steps_of
 from lab.diagnosis.hypothesis import Finding, Hypothesis
 from lab.diagnosis.marginal import MarginalFit, Problem, compressed, estimated, rotated
 from lab.diagnosis.scores import score, scores_of_steps
@@ -182,10 +183,11 @@ class _Search:
         heads = np.searchsorted(blocks.poses, np.arange(blocks.shape[0]))  # the first row of each pose
         times = row_times(rows)
         since = (times - times.min()) / max(float(np.ptp(times)), 1e-12) - 0.5
-        about = predicted - np.nanmean(predicted, axis=(0, 1))
+        placed = np.arange(predicted.shape[1]) < observation_of(model).positions  # other things are in no space
+        space = Space(predicted, placed, since)
         # columns of hypotheses, and of what may be off: links by tolerance, effects by kind, a smooth error
         stepping = list(steps_of(model, jacobian, slopes, rows.joint_names))
-        lasting = list(lasting_mistakes(model, jacobian, slopes, rows, about, since))
+        lasting = list(lasting_mistakes(model, jacobian, slopes, rows, space))
         parts, kinds = _random_columns(found, jacobian, [*effects, _smooth(rows.joints, slopes)])
         # in units of noise, pose by pose, with what is known beside the measurements
         sigma = max(1.0 if found.sigma_given else found.residual_sigma_m, _LEAST_SIGMA_M)
