@@ -570,8 +570,9 @@ def _with_prior(found: Fit | None, values: Array, prior: ExtraResiduals) -> tupl
 
 
 def _sizes(model: Model, columns: Sequence[int]) -> tuple[int, ...]:
-    """Return which of some columns are sizes of artefacts."""
-    return tuple(k for k, i in enumerate(columns) if model.parameters[i].group == SIZE)
+    """Return which of some columns are sizes of artefacts with a prior."""
+    each = [model.parameters[i] for i in columns]
+    return tuple(k for k, size in enumerate(each) if size.group == SIZE and np.isfinite(size.scale))
 
 
 def needs_no_prior(prior: Prior, plain: Fit, structure: BaseSet, sigma: float, *, sigma_given: bool) -> bool:

@@ -195,7 +195,7 @@ class CalibrationResult(Result):
     def weak_directions(self) -> tuple[Direction, ...]:
         """Directions of the parameters that the fitted measurements weakly observe."""
         found, fitted = self.identification, self.fitted
-        model, free = found.model, list(found.fit.free)
+        model, free = found.model, np.delete(found.fit.free, found.fit.aside).tolist()
         seen = Observations(fitted.inputs(model.conditions), fitted.points, np.ones(fitted.points.shape[:2]))
         triangle = triangle_of(
             each.apply(model.observe(each.inputs, found.values)[1][..., free]) for each in seen.blocks()

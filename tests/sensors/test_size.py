@@ -135,6 +135,19 @@ def test_sizes_are_drawn_as_stated_and_leave_other_draws_alone() -> None:
 
 
 @pytest.mark.thorough
+def test_a_distance_of_sockets_is_as_uncertain_as_stated() -> None:
+    """The size is no direction of the readings, and the arm has it from the distance where that is good."""
+    options = {"observe": "socket", "socket_distance_mm": 80.0, "size_u_percent": 0.01}
+    result = lab.calibrate("irb120", poses=40, fixtures=3, seed=3, instrument="ball-in-socket", **options)
+    share, std = size_of(result.identification)
+    assert std == pytest.approx(1e-4, rel=0.05) and abs(share) < std
+    parts = [name for direction in result.weak_directions for name, change in direction.parts if np.isfinite(change)]
+    assert parts and "socket.scale" not in parts
+    data = next(check.data for check in result.checks if check.name == "size.artefact")
+    assert not data["corrected"] and data["stated"] == pytest.approx(1e-4)
+
+
+@pytest.mark.thorough
 def test_intervals_of_printed_boards_cover_in_simulations() -> None:
     """Errors of the sizes found in 12 campaigns, in their standard deviations: 1.7 of rms is beyond 1 in 1,000."""
     off = []
