@@ -23,9 +23,11 @@ from lab.robots.load_robot import load_robot
 from lab.robots.robot_files import own_models
 from lab.verdict.fitted import Fitted
 
-__all__ = ["accepted_of", "checks_of", "diagnosed", "gross_of", "rms_m", "undone"]
+__all__ = ["accepted_of", "checks_of", "diagnosed", "gross_of", "rms_m", "undone", "with_fitted"]
 
 _MISTAKES = ("gear", "coupling", "drift", "growth")  # effects that are hypotheses of mistakes, too
+_GROUP_OF = {"drift": "drift", "joint_coupling": "coupling"}  # that fits a mistake
+_MOSTLY = 0.5  # of a mean square error
 _FITTED_ANYWAY = ("link", "joint_zero")  # parameters of every fit: only their size is a finding
 
 
@@ -115,18 +117,32 @@ def _with_residuals(findings: Sequence[Finding], found: Identification, beside: 
 
 def rms_m(found: Identification) -> float:
     """Return the root mean square error of a fit's points (m); NaN where no positions were observed."""
-    count = observation_of(found.model).positions
-    return float(np.sqrt(count * np.nanmean(found.residuals[..., :count] ** 2))) if count else float("nan")
+    left = found.residuals[:, : observation_of(found.model).positions]
+    return float(np.sqrt(3 * np.nanmean(left**2))) if np.isfinite(left).any() else float("nan")
 
 
-def checks_of(findings: Sequence[Finding], error_m: float) -> list[Check]:
-    """Return the findings as checks: failed where the readings are wrong, or where errors may be mostly a mistake.
+def with_fitted(findings: Sequence[Finding], left_m: float, groups: Sequence[str] = ()) -> tuple[Finding, ...]:
+    """Return the findings, those accepted that groups of effects explain, also others: what is left is less.
 
     Args:
-        error_m: mean error of the fit at other poses; NaN where unknown.
+        left_m: root mean square error that the fit leaves; NaN where unknown.
+        groups: of the model.
+    """
+
+    def is_fitted(each: Finding) -> bool:
+        return _GROUP_OF.get(each.name) in groups or each.explains_m**2 * _MOSTLY > left_m**2
+
+    return tuple(each.as_accepted() if not each.is_discrete and is_fitted(each) else each for each in findings)
+
+
+def checks_of(findings: Sequence[Finding], left_m: float) -> list[Check]:
+    """Return the findings as checks: failed where readings are wrong, or where most of the error left is a mistake.
+
+    Args:
+        left_m: root mean square error that the fit leaves; NaN where unknown.
     """
     return [
-        check if each.is_discrete or each.explains_m >= error_m else replace(check, outcome="noted")
+        check if each.is_discrete or each.explains_m**2 >= _MOSTLY * left_m**2 else replace(check, outcome="noted")
         for each, check in ((each, each.check) for each in findings)
     ]
 

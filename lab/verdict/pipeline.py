@@ -46,7 +46,7 @@ from lab.prediction.regions import Region, measured_region, region_of_points, wo
 from lab.prediction.residual_spread import for_later_rows
 from lab.prediction.validation import Validation, shared_rows, validate_file, validate_folds, validate_rows
 from lab.prediction.workspace_prediction import bounds_at, check_prediction, own_tolerance
-from lab.verdict.diagnosed import accepted_of, checks_of, diagnosed, gross_of, rms_m, undone
+from lab.verdict.diagnosed import accepted_of, checks_of, diagnosed, gross_of, rms_m, undone, with_fitted
 from lab.verdict.fit_checks import (
     FIT_CHECKS,
     check_excluded,
@@ -560,8 +560,8 @@ def _judge(state: Fitted) -> Fitted:
     prediction = None
     if not state.misread:
         prediction = check_prediction(found, judged, fitter.noise, state.measured, seed=fitter.seed)
-    errors = judged.errors
-    error_m = float("nan") if errors is None else float(np.nanmean(errors.after))
+    left_m = rms_m(found)
+    state = replace(state, diagnosis=with_fitted(state.diagnosis, left_m, state.groups))
     poses, region = _regions(state)
     left = state.residual_spread
     word = verdict(
@@ -571,7 +571,7 @@ def _judge(state: Fitted) -> Fitted:
         goodness=state.adequacy,
         tolerance=fitter.options.tolerance,
         measured=state.measured,
-        findings=(*checks_of(state.diagnosis, error_m), *state.findings),
+        findings=(*checks_of(state.diagnosis, left_m), *state.findings),
         prediction=prediction,
         poses=poses,
         region=region,

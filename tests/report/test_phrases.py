@@ -1,12 +1,19 @@
 """Phrases of checks: each check of a fit has one, and each that fails has a next step."""
 
 import ast
+from dataclasses import replace
 
+import numpy as np
 import pytest
+from helpers.campaigns import session
 from helpers.robots import ROOT
 
 from lab.core.checks import Check
-from lab.phrases.phrase import PHRASES
+from lab.diagnosis.continuous import lasting_mistakes, steps_of
+from lab.diagnosis.hypothesis import Finding, Hypothesis
+from lab.diagnosis.reading_mistakes import joint_mistakes, point_mistakes
+from lab.phrases.diagnosis_phrases import deciding_measurement
+from lab.phrases.phrase import PHRASES, phrase
 from lab.phrases.verdict_phrases import next_step
 from lab.phrases.verification_phrases import next_step as after_verification
 from lab.verdict.verdict import Answer
@@ -71,3 +78,68 @@ def test_after_a_verification_what_is_not_known_is_measured_or_calibrated_anew()
     assert after_verification(several, "bad").startswith("Calibrate anew")
     good = Check("verification", "passed", data=whole)
     assert after_verification(good, "good") != after_verification(good, "doubtful")
+
+
+def hypotheses() -> dict[str, Hypothesis]:
+    """One hypothesis of each kind that the rooms build, by its name."""
+    day = session("irb120", poses=12, seed=7, targets=("p1", "p2"))
+    rows, model = day.measurements, day.robot.arm(("p1", "p2"))
+    slopes = np.ones((12, 2, 3, 6))
+    jacobian = np.ones((12, 2, 3, len(model.names)))
+    made = [*joint_mistakes(model.chain, rows), *point_mistakes()]
+    made += [each.from_row(5, rows.ids, 9) for each in steps_of(model, jacobian, slopes, rows.joint_names)]
+    made += lasting_mistakes(model, jacobian, slopes, rows, rows.points, np.linspace(-0.5, 0.5, 12))
+    of_rows = {
+        "targets_exchanged": (("p1", "p2", "3", "11"), (("rows", 9),)),
+        "targets_exchanged_once": (("p1", "p2", "4", "7"), (("targets", 2),)),
+        "rows_shifted_from": (("+1", "6"), ()),
+        "rows_exchanged": (("3", "8"), ()),
+        "other_robot": (("ur5e",), ()),
+    }
+    made += [Hypothesis(name, of, corrected=lambda rows: rows, data=data) for name, (of, data) in of_rows.items()]
+    return {each.name: each for each in made}
+
+
+KINDS = hypotheses()
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_finding_says_where_how_much_and_what_to_do(name: str) -> None:
+    """Of one that was undone or fitted no remedy is given; without an error of the fit, what it explains is said."""
+    of = KINDS[name]
+    count = len(of.units)
+    finding = Finding(of, 80.0, (2e-3,) * count, (1e-4,) * count, explains_m=3e-4, before_m=0.05, after_m=2e-5)
+    text = phrase(finding.check)
+    assert all(part in text for part in of.of if part not in ("+1", "-1", "+", "-")) and "{" not in text
+    assert "20 µm" in text and "50 mm" in text
+    assert ("95 %" in text) is bool(count) and (f"--accept {of.key}" in text) is (count == 0 and name != "other_robot")
+    assert "--accept" not in phrase(finding.as_accepted().check)
+    assert "300 µm" in phrase(replace(finding, before_m=float("nan")).check)
+
+
+def test_every_kind_of_finding_has_a_phrase() -> None:
+    """Also those of sensors, whose names stand in their sources."""
+    named = {f"diagnosis.{name}" for name in KINDS}
+    for path in (ROOT / "lab").rglob("*.py"):
+        if "Hypothesis(" not in (text := path.read_text(encoding="utf-8")):
+            continue
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Hypothesis" and node.args:
+                first = node.args[0]
+                named |= {f"diagnosis.{first.value}"} if isinstance(first, ast.Constant) else set()
+    assert named - set(PHRASES) == set()
+
+
+def test_rivals_are_named_with_the_measurement_that_decides() -> None:
+    step = Finding(KINDS["base_step"], 60.0, (1e-4,) * 6, (1e-5,) * 6, 1e-4, rivals=("joint_step:q1",))
+    text = phrase(step.check)
+    assert "joint_step:q1" in text and deciding_measurement("base_step", step.rivals) in text
+    assert deciding_measurement("joint_step", ("base_step",)) == deciding_measurement("base_step", step.rivals) != ""
+    assert "would decide" not in phrase(replace(step, rivals=("shear",)).check)
+
+
+def test_a_rotation_within_its_interval_is_left_out() -> None:
+    sure = Finding(KINDS["base_step"], 60.0, (3e-4, 0, 0, 1e-6, 0, 0), (1e-5,) * 6, 1e-4)
+    assert "0.3 ± 0.02 mm (95 %)" in phrase(sure.check)
+    turned = replace(sure, sizes=(3e-4, 0, 0, 1e-3, 0, 0))
+    assert "0.3 ± 0.02 mm and 1 ± 0.02 mrad (95 %)" in phrase(turned.check)
