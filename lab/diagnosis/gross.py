@@ -14,7 +14,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements, evenly
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.diagnosis.hypothesis import Diagnosable, Finding, Hypothesis, hypotheses_of
+from lab.diagnosis.hypothesis import Diagnosable, Finding, Hypothesis, MeasuresOrientations, hypotheses_of
 from lab.diagnosis.placement import Placement, placed, refined
 from lab.diagnosis.reading_mistakes import joint_mistakes, point_mistakes, row_mistakes
 from lab.kinematics.model import RigidArm
@@ -140,7 +140,7 @@ def gross_mistakes(
         if found is None:
             break
         findings.append(found[0])
-        here = found[1]
+        task, here = task.by(found[0].hypothesis), found[1]
     limit = _FAR * max(here.ordinary_m, _SCALES_M[0])
     outliers = tuple(name for name, miss in zip(data.ids, here.misses, strict=True) if miss > limit)
     return Gross(tuple(findings), here.data, outliers if len(outliers) < len(data) / 2 else (), first.misses)
@@ -166,7 +166,8 @@ class _Task:
             return _Reading(data, Placement(self.nominal, np.empty(0), misses))
         used = np.array([use != "skip" for use in data.use])
         points = np.where(used[:, None, None], data.points, np.nan)
-        return _Reading(data, placed(self.arm, data.joints, points, self.nominal, rng_for(self.seed, "null")))
+        at = placed(self.arm, data.joints, points, self.nominal, rng_for(self.seed, "null"))
+        return _Reading(data, self._with_orientations(data, at))
 
     def refined(self, data: Measurements) -> _Reading:
         """Return measurements with the misses of an arm whose links may be off, too."""
@@ -175,7 +176,15 @@ class _Task:
             return reading
         used = np.array([use != "skip" for use in data.use])
         points = np.where(used[:, None, None], data.points, np.nan)
-        return _Reading(data, refined(self.arm, data.joints, points, self.nominal, reading.placement))
+        at = refined(self.arm, data.joints, points, self.nominal, reading.placement)
+        return _Reading(data, self._with_orientations(data, at))
+
+    def _with_orientations(self, data: Measurements, at: Placement) -> Placement:
+        """Return a placement whose misses are those of measured orientations, too."""
+        if not isinstance(self.sensor, MeasuresOrientations):
+            return at
+        turned = self.sensor.turned_misses(self.arm, data, at.values)
+        return replace(at, misses=np.where(np.isnan(turned), at.misses, np.hypot(at.misses, turned)))
 
     def best(
         self, here: _Reading, others: Iterable[tuple[str, Callable[[], RigidArm]]]
@@ -189,7 +198,7 @@ class _Task:
         tried = list[tuple[float, Hypothesis, "_Task"]]()
         for _, i in rough[:_REFINED]:
             of = hypotheses[i]
-            tried.append((self._gain(of, here, base, _MOST_ROWS), of, self._by(of)))
+            tried.append((self._gain(of, here, base, _MOST_ROWS), of, self.by(of)))
         for name, made in others:
             other = self._of_robot(made)
             gain = base.length(base.rows) - other.refined(base.data).length(base.rows) - _ROBOT
@@ -221,7 +230,7 @@ class _Task:
             base: these rows as they are; with the links refined, where those of the hypothesis are to be.
         """
         assert hypothesis.corrected is not None
-        task = self._by(hypothesis)
+        task = self.by(hypothesis)
         try:
             data = self._thinned(hypothesis.corrected(here.data), rows)
             reading = task.refined(data) if base.placement.price or rows > _FEW_ROWS else task.read(data)
@@ -236,7 +245,8 @@ class _Task:
         some = None if self._by_sensor else evenly(len(data), rows)
         return data if some is None else data[some]
 
-    def _by(self, hypothesis: Hypothesis) -> "_Task":
+    def by(self, hypothesis: Hypothesis) -> "_Task":
+        """Return the task by the sensor of a hypothesis, where it is another one."""
         return self if hypothesis.sensor is None else replace(self, sensor=hypothesis.sensor)
 
     def _of_robot(self, made: Callable[[], RigidArm]) -> "_Task":

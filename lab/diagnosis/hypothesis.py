@@ -9,7 +9,7 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
-__all__ = ["Correction", "Diagnosable", "Finding", "Hypothesis", "hypotheses_of"]
+__all__ = ["Correction", "Diagnosable", "Finding", "Hypothesis", "MeasuresOrientations", "hypotheses_of"]
 
 Correction = Callable[[Measurements], Measurements]
 """Undo a discrete mistake: measurements as they were read, to what they would be without it, in the same rows."""
@@ -134,6 +134,23 @@ class Diagnosable(Protocol):
         ...
 
 
+@runtime_checkable
+class MeasuresOrientations(Protocol):
+    """A sensor of points that measures orientations, too, and knows what goes wrong with these."""
+
+    def mistakes(self, arm: Model, data: Measurements) -> Sequence[Hypothesis]:
+        """Return discrete mistakes of the orientations."""
+        ...
+
+    def turned_misses(self, arm: Model, data: Measurements, values: Array) -> Array:
+        """Return how far ``(n,)`` a point at a lever is off by each orientation (m); NaN where none was measured.
+
+        Args:
+            values: ``(p,)`` of the arm, as the positions place it.
+        """
+        ...
+
+
 def hypotheses_of(sensor: object, arm: Model, data: Measurements) -> tuple[Hypothesis, ...]:
     """Return the mistakes that a sensor knows of its readings; none of a sensor that knows none."""
-    return tuple(sensor.mistakes(arm, data)) if isinstance(sensor, Diagnosable) else ()
+    return tuple(sensor.mistakes(arm, data)) if isinstance(sensor, Diagnosable | MeasuresOrientations) else ()

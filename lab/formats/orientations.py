@@ -12,7 +12,14 @@ from lab.core.measurements import Measurements
 from lab.core.orientation import ANGLE_CONVENTIONS, AngleConvention
 from lab.core.se3 import Array
 
-__all__ = ["ENDS", "orientation_texts", "oriented_target", "read_orientations", "rotation_from_angles"]
+__all__ = [
+    "ENDS",
+    "orientation_columns",
+    "orientation_texts",
+    "oriented_target",
+    "read_orientations",
+    "rotation_from_angles",
+]
 
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _ANGLES = ("rx_deg", "ry_deg", "rz_deg")
@@ -38,16 +45,13 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
     Args:
         meaning: convention of three angles.
     """
-    quaternion, angles = (_columns(data, target, ends) for ends in (_QUATERNION, _ANGLES))
-    if quaternion and angles:
-        raise LabError(f"columns {quaternion[0]} and {angles[0]} both give an orientation: keep one")
-    columns = quaternion or angles
+    columns = orientation_columns(data, target)
     numbers = np.stack([_numbers(data.other[column]) for column in columns], axis=1)
     empty = np.isnan(numbers)
     if (half := np.flatnonzero(empty.any(axis=1) & ~empty.all(axis=1))).size:
         column = columns[int(np.argmax(empty[half[0]]))]
         raise LabError(f"{data.where(half[0])}, column {column}: empty beside others; give all or none")
-    if quaternion:
+    if len(columns) == len(_QUATERNION):
         norm = np.linalg.norm(numbers, axis=1)
         if (off := np.flatnonzero(QUATERNION_NORM.outside(norm))).size:
             raise LabError(
@@ -62,6 +66,14 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
     quaternions = np.full((len(data), 4), np.nan)
     quaternions[complete] = se3.quaternion_from_rotation(rotation_from_angles(np.deg2rad(numbers[complete]), meaning))
     return quaternions
+
+
+def orientation_columns(data: Measurements, target: str) -> list[str]:
+    """Return the columns of a target's orientation as the file names them: four of a quaternion, or three of angles."""
+    quaternion, angles = (_columns(data, target, ends) for ends in (_QUATERNION, _ANGLES))
+    if quaternion and angles:
+        raise LabError(f"columns {quaternion[0]} and {angles[0]} both give an orientation: keep one")
+    return quaternion or angles
 
 
 def _columns(data: Measurements, target: str, ends: tuple[str, ...]) -> list[str]:

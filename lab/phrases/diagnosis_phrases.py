@@ -55,8 +55,9 @@ def _shifted(check: Check, what: str = "pose", rows: str = "row") -> str:
 
 
 def _convention(check: Check) -> str:
-    of = check.data["of"]
-    return f"the orientations are given in another convention{f' ({_named(of)})' if of else ''}"
+    of, angle = check.data["of"], check.data.get("angle_rad")
+    turned = "" if angle is None else f", turned by {np.rad2deg(angle):.1f}° against that of the positions"
+    return f"the orientations are given in another convention{f' ({_named(of)}{turned})' if of else ''}"
 
 
 def _exchanged_targets(check: Check) -> str:

@@ -25,15 +25,17 @@ from lab.core.limits import positive
 from lab.core.measurements import Measurements
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
+from lab.diagnosis.hypothesis import Hypothesis
 from lab.formats.measurement_csv import ObservedColumns
 from lab.formats.orientations import orientation_texts, oriented_target, read_orientations
 from lab.kinematics.compiled.kernels import real, with_fallback
-from lab.kinematics.model import Model
+from lab.kinematics.model import Model, RigidArm
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.kinematics.tree import TreeArm
 from lab.noise.instruments import Instrument, PoseInstrument
+from lab.sensors.orientation_mistakes import orientation_mistakes, turned_misses
 from lab.sensors.sensor_options import FitInputs, PoseOptions, VirtualSetup
 from lab.sensors.sequential_fit import fit_sequentially
 from lab.sensors.tip import tip_rates, tip_rotations
@@ -311,6 +313,14 @@ class PoseSensor(VirtualSensor):
         points = np.concatenate([data.points, rotation], axis=1)
         observed = replace(data, targets=model.targets, points=points, conditions={**data.conditions, **conditions})
         return model, observed
+
+    def turned_misses(self, arm: Model, data: Measurements, values: Array) -> Array:
+        """Return how far ``(n,)`` orientations are off (m, at a lever), beside an arm that positions place."""
+        return turned_misses(self, arm, data, values)
+
+    def mistakes(self, arm: RigidArm, data: Measurements) -> tuple[Hypothesis, ...]:
+        """Return other conventions of the orientations."""
+        return tuple(orientation_mistakes(self, arm, data))
 
     def balanced(self, model: Model, data: Measurements, nominal: Array, options: FitOptions) -> Model:
         """Return the model with the ratio of the two noises estimated from its residuals, where none was given."""
