@@ -28,6 +28,7 @@ __all__ = ["accepted_of", "checks_of", "diagnosed", "gross_of", "rms_m", "undone
 _MISTAKES = ("gear", "coupling", "drift", "growth")  # effects that are hypotheses of mistakes, too
 _GROUP_OF = {"drift": "drift", "joint_coupling": "coupling"}  # that fits a mistake
 _MOSTLY = 0.5  # of a mean square error
+_LEAST_ROWS = 3  # given ones, on either side of a step
 _FITTED_ANYWAY = ("link", "joint_zero")  # parameters of every fit: only their size is a finding
 
 
@@ -80,9 +81,11 @@ def undone(data: Measurements, sensor: ArmSensor, findings: Sequence[Finding]) -
 def diagnosed(state: Fitted) -> Fitted:
     """Find continuous mistakes beside a fit of the geometry, and put steps into every model.
 
+    Rows held out count, too: they show between which poses something moved. Sizes are fitted to the others.
+
     Needs: ``given``. Adds: ``diagnosis``; ``fitter`` has the steps.
     """
-    fitter, rows = state.fitter, state.given
+    fitter, rows = state.fitter, _all_rows(state)
     try:
         found = fitter.identified_with(rows, (), ())
     except LabError:  # the fit itself says why
@@ -95,13 +98,17 @@ def diagnosed(state: Fitted) -> Fitted:
         fine = fine_mistakes(found, observed, rows, effects, several_a_pose=fitter.kind.several_a_pose)
     except np.linalg.LinAlgError:  # variances that the residuals do not determine
         return state
-    steps = tuple(step for each in fine.findings if (step := _step(each, rows)) is not None)
-    fitted = [each.name in STEP_GROUPS or each.name in _FITTED_ANYWAY for each in fine.findings]
+    found_steps = [_step(each, rows, state.given) for each in fine.findings]
+    steps = tuple(each for each in found_steps if each is not None)
+    fitted = [
+        step is not None or each.name in _FITTED_ANYWAY for each, step in zip(fine.findings, found_steps, strict=True)
+    ]
     findings = tuple(each.as_accepted() if has else each for each, has in zip(fine.findings, fitted, strict=True))
     if steps:
         fitter = fitter.with_steps(steps)
         try:
-            findings = _with_residuals(findings, found, fitter.identified_with(rows, (), ()))
+            before, after = (each.identified_with(state.given, (), ()) for each in (state.fitter, fitter))
+            findings = _with_residuals(findings, before, after)
         except LabError:  # too few rows for the steps' parameters: they are found, but not fitted
             fitter, findings = state.fitter, fine.findings
     return replace(state, fitter=fitter, diagnosis=(*state.diagnosis, *findings))
@@ -147,11 +154,27 @@ def checks_of(findings: Sequence[Finding], left_m: float) -> list[Check]:
     ]
 
 
-def _step(finding: Finding, rows: Measurements) -> Step | None:
-    """Return the step of a finding, at its place in the campaign; None of other findings."""
+def _all_rows(state: Fitted) -> Measurements:
+    """Return the rows that were given with those held out, in their order."""
+    if state.held_out is None:
+        return state.given
+    names = {*state.given.ids, *state.held_out.ids}
+    rows = state.fitter.observed()
+    return rows[[name in names for name in rows.ids]]
+
+
+def _step(finding: Finding, rows: Measurements, given: Measurements) -> Step | None:
+    """Return the step of a finding, at its place in the campaign; None of other findings.
+
+    A step that too few of the given rows are before, or after, cannot be fitted: rows held out are beyond it.
+    """
     if finding.name not in STEP_GROUPS:
         return None
     last, first = finding.hypothesis.of[-2:]
     places = dict(zip(rows.ids, rows.places.tolist(), strict=True))
+    place = (places[last] + places[first]) / 2
+    after = int(sum(places[name] > place for name in given.ids))
+    if min(after, len(given) - after) < _LEAST_ROWS:
+        return None
     joint = rows.joint_names.index(finding.hypothesis.of[0]) if finding.name == "joint_step" else -1
-    return Step(finding.name, (places[last] + places[first]) / 2, joint)
+    return Step(finding.name, place, joint)
