@@ -24,7 +24,7 @@ _CONVERGED = 0.3  # of the deviance from round to round
 _START_SCATTER = 0.1  # of the noise: the mean variance that scatter makes of a number
 _MOST_TOLERANCES = 1.0  # variance of the columns of the first kind, the links', in squared tolerances
 _LEAST, _MOST = 1e-8, 1e8
-_OUTLYING = 900.0  # times the variance, of a pose that is far off
+_OUTLYING = 900.0  # times the variance at least, of a pose that is far off
 _PRICE = 9.0  # -2 log of the share of such poses
 _MOST_OUTLYING = 0.2  # of the poses
 _FLAT = 1e8  # variance of columns without a prior
@@ -121,13 +121,18 @@ class Variances:
         noise: of a whitened number.
         scatter: of the joints, in the units of the slopes.
         kinds: ``(kinds,)`` of the columns of each kind.
-        outlying: ``(n,)`` poses that are far off.
+        factors: ``(n,)`` by which the variance of each pose is larger: 1 of all but those that are far off.
     """
 
     noise: float
     scatter: float
     kinds: Array
-    outlying: NDArray[np.bool_]
+    factors: Array
+
+    @property
+    def outlying(self) -> NDArray[np.bool_]:
+        """Which poses ``(n,)`` are far off."""
+        return np.asarray(self.factors > 1)
 
 
 @dataclass(frozen=True)
@@ -141,7 +146,7 @@ class MarginalFit:
     def diagonal(self) -> Array:
         """Variance ``(n, m)`` of each rotated number's own error."""
         own = self.variances.noise + self.variances.scatter * self.problem.scatter
-        return np.where(self.variances.outlying[:, None], _OUTLYING * own, own)
+        return np.asarray(self.variances.factors[:, None] * own)
 
     @cached_property
     def _weights(self) -> Array:
@@ -236,7 +241,7 @@ def estimated(problem: Problem, start: Variances | None = None) -> MarginalFit:
             fit = _with_kinds(fit, _next_kinds(fit))
         noise, scatter = _next_noise(fit)
         fit = MarginalFit(problem, replace(fit.variances, noise=noise, scatter=scatter))
-        fit = MarginalFit(problem, replace(fit.variances, outlying=_outlying(fit)))
+        fit = MarginalFit(problem, replace(fit.variances, factors=_factors(fit)))
         if abs(deviance - fit.deviance) < _CONVERGED:
             break
         deviance = fit.deviance
@@ -247,7 +252,7 @@ def _start(problem: Problem) -> Variances:
     """Return variances from which those of a problem are searched: all columns as large as the noise."""
     count = int(problem.kinds.max(initial=-1)) + 1
     scatter = _START_SCATTER / max(float(problem.scatter.mean()), 1e-300)
-    return Variances(1.0, scatter, np.ones(count), np.zeros(len(problem.residual), dtype=np.bool_))
+    return Variances(1.0, scatter, np.ones(count), np.ones(len(problem.residual)))
 
 
 def _with_kinds(fit: MarginalFit, kinds: Array) -> MarginalFit:
@@ -299,14 +304,15 @@ def _next_noise(fit: MarginalFit) -> tuple[float, float]:
     return noise, max(float(scatter), 0.0)
 
 
-def _outlying(fit: MarginalFit) -> NDArray[np.bool_]:
-    """Return which poses are likelier far off than not."""
-    own = np.where(fit.variances.outlying[:, None], fit.diagonal / _OUTLYING, fit.diagonal)
+def _factors(fit: MarginalFit) -> Array:
+    """Return the likeliest factor of each pose's variance: 1, or what its errors show where they are far off."""
+    own = fit.diagonal / fit.variances.factors[:, None]
     square = np.where(fit.problem.mask, fit.left**2 / own, 0.0).sum(axis=1)
-    numbers = fit.problem.mask.sum(axis=1)
-    excess = square - numbers * np.log(_OUTLYING) - _PRICE
+    numbers = np.maximum(fit.problem.mask.sum(axis=1), 1)
+    factors = np.maximum(square / numbers, _OUTLYING)
+    excess = square * (1 - 1 / factors) - numbers * np.log(factors) - _PRICE
     far = excess > 0
     most = int(_MOST_OUTLYING * len(far))
     if far.sum() > most:
         far &= excess >= np.sort(excess)[-most] if most else False
-    return np.asarray(far)
+    return np.where(far, factors, 1.0)

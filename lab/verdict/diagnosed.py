@@ -28,6 +28,7 @@ __all__ = ["accepted_of", "checks_of", "diagnosed", "gross_of", "rms_m", "undone
 _MISTAKES = ("gear", "coupling", "drift", "growth")  # effects that are hypotheses of mistakes, too
 _GROUP_OF = {"drift": "drift", "joint_coupling": "coupling"}  # that fits a mistake
 _MOSTLY = 0.5  # of a mean square error
+_MOVED_M = 1e-6  # range of points that move
 _LEAST_ROWS = 3  # given ones, on either side of a step
 _FITTED_ANYWAY = ("link", "joint_zero")  # parameters of every fit: only their size is a finding
 
@@ -38,6 +39,10 @@ def gross_of(state: Fitted) -> Gross | None:
     kind, data = fitter.kind, fitter.data
     if not (isinstance(kind, Diagnosable) or (kind.in_instrument_frame and data.points.shape[2] == 3)):
         return None
+    if data.points.shape[2] == 3 and not any(
+        np.ptp(data.points[seen, k], axis=0).max() > _MOVED_M for k, seen in enumerate(data.seen.T) if seen.any()
+    ):
+        return None  # points that are the same in every pose can be read in any way
     arm = fitter.robot.arm(fitter.targets)
     nominal = arm.nominal({target: np.zeros(3) for target in fitter.targets})
     return gross_mistakes(kind, arm, data, nominal, _others(arm, fitter.targets), fitter.seed)
@@ -139,7 +144,10 @@ def with_fitted(findings: Sequence[Finding], left_m: float, groups: Sequence[str
     def is_fitted(each: Finding) -> bool:
         return _GROUP_OF.get(each.name) in groups or each.explains_m**2 * _MOSTLY > left_m**2
 
-    return tuple(each.as_accepted() if not each.is_discrete and is_fitted(each) else each for each in findings)
+    return tuple(
+        each.as_accepted() if not each.is_discrete and each.name not in STEP_GROUPS and is_fitted(each) else each
+        for each in findings
+    )
 
 
 def checks_of(findings: Sequence[Finding], left_m: float) -> list[Check]:
