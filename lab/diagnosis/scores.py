@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 
-__all__ = ["Residuals", "score", "scores_of_steps"]
+__all__ = ["Residuals", "score", "scores_of_poses", "scores_of_steps"]
 
 _LEAST_ROWS = 3  # on either side of a step
 _RIDGE = 1e-9
@@ -59,3 +59,15 @@ def _quadratic(left: Array, pulls: Array, whole: Array) -> Array:
     sizes, axes = np.linalg.eigh(left * scale[:, :, None] * scale[:, None, :])
     turned = (np.swapaxes(axes, 1, 2) @ (pulls * scale)[..., None])[..., 0]
     return np.asarray(np.where(sizes > _RIDGE, turned**2 / np.maximum(sizes, _RIDGE), 0.0).sum(axis=1))
+
+
+def scores_of_poses(fit: Residuals, mask: NDArray[np.bool_]) -> Array:
+    """Return the score statistic ``(n,)`` of each pose's own error: how much less r' V^-1 r is without the pose.
+
+    Args:
+        mask: ``(n, m)`` which numbers were observed.
+    """
+    number = np.arange(mask.shape[1])
+    left = -fit.basis @ np.swapaxes(fit.basis, 1, 2)
+    left[:, number, number] += fit.weights
+    return _quadratic(np.where(mask[:, :, None] & mask[:, None, :], left, 0.0), fit.pulls, np.where(mask, 1.0, 0.0))

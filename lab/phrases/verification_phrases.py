@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.core.checks import Check
 from lab.core.significance import VERIFICATION
-from lab.core.units import MM, MRAD
+from lab.core.units import MM, MRAD, PPM
 from lab.phrases.template import Phrase, worded
 
 __all__ = [
@@ -31,25 +31,25 @@ def chance_text(p: float) -> str:
     return f"p = {p:.2g}" if p >= _LEAST_CHANCE else f"p < {_LEAST_CHANCE:g}"
 
 
-_UNITS = {
-    1e3: "m where mm are expected",
-    25.4: "inches where mm are expected",
-    1e-3: "mm where m are expected, or in µm where mm are expected",
-    25.4e-3: "inches where m are expected",
-}
 _SET_UP_ANEW = {
     "situation.setup": "the robot or the instrument was set up anew",
     "situation.tool": "another tool is mounted, or its targets were moved",
     "situation.setup_and_tool": "robot or instrument were set up anew, with another tool",
 }
 _CHANGED = {
-    "changed.base_shift": "the base (or the instrument) has shifted by",
-    "changed.base": "the base (or the instrument) has moved by",
-    "changed.tool": "the tool has moved by",
-    "changed.targets": "the tool's targets have each moved, on average by",
-    "changed.target": "target {} has moved on the tool by",
-    "changed.joint": "the zero of joint {} ({}) has moved by",
-    "changed.reading": "the reading of {} alone is in error by",
+    "changed.base_step": "the base (or the instrument) has moved by",
+    "changed.tool_step": "the tool has moved by",
+    "changed.target_step": "target {of[0]} has moved on the tool by",
+    "changed.joint_step": "the zero of joint {number} ({of[0]}) has moved by",
+    "changed.outliers": "the reading of {of} alone is in error by",
+    "changed.joint_gain": "the readings of joint {of[0]} are in error by a factor, 1 plus",
+    "changed.joint_coupling": "the readings of joint {of[0]} hold a share of joint {of[1]}, of",
+    "changed.link": "{of[0]} has changed by",
+    "changed.scale": "the measured lengths are in error by a factor, 1 plus",
+    "changed.shear": "the measured space is distorted by",
+    "changed.drift": "base or instrument have drifted from the first to the last row by",
+    "changed.growth": "the arm has grown from the first to the last row by",
+    "changed.range_constant": "the range constant of the instrument is in error by",
 }
 _SEVERAL = (
     "no single movement of base, tool or a joint's zero and no single outlier explains it: more than one thing has "
@@ -90,23 +90,47 @@ def _chance(p: float) -> str:
 
 
 def _diagnosis(check: Check) -> str:
-    alike, name = check.data["alike"], check.data["likeliest"]
+    alike = check.data["alike"]
     if len(alike) > 1:
         return f"these poses cannot decide whether {', or '.join(map(_changed, alike))}"
     if alike:
         return _changed(alike[0])
-    return _SEVERAL if name is None else f"{_SEVERAL}; the single parameter whose change explains the most is {name}"
+    return _SEVERAL
 
 
 def _changed(check: Check) -> str:
-    return f"{_CHANGED[check.name].format(*check.data['of'])} {extent_text(check)}"
+    return f"{_named(_CHANGED, check)} {extent_text(check)}{_since(check)}"
+
+
+def _named(texts: Mapping[str, str], check: Check) -> str:
+    data = dict(check.data)
+    if check.name == "changed.outliers":
+        data["of"] = ", ".join(data["of"])
+    elif check.name == "changed.link":
+        data["of"] = (parameter_text(data["of"][0]),)
+    return texts[check.name].format_map(data)
+
+
+def _since(check: Check) -> str:
+    """Return between which rows something moved; nothing of what moved before the first."""
+    if "row" not in check.data:
+        return ""
+    last, first = check.data["of"][-2:]
+    return f" between {last} and {first}"
+
+
+_EXTENTS = (
+    ("shift_m", "shift_std_m", MM),
+    ("turn_rad", "turn_std_rad", MRAD),
+    ("ratio", "ratio_std", PPM),
+)
 
 
 def extent_text(check: Check) -> str:
     """Return how far something moved, with one standard deviation: ``0.497 ± 0.005 mrad``."""
     parts = [
         f"{_with_std(unit.of(check.data[size]), unit.of(check.data[std]))} {unit.name}"
-        for size, std, unit in (("shift_m", "shift_std_m", MM), ("turn_rad", "turn_std_rad", MRAD))
+        for size, std, unit in _EXTENTS
         if np.isfinite(check.data[size])
     ]
     return " and ".join(parts) or "an amount that these poses do not determine"
@@ -124,37 +148,37 @@ def _set_up_anew(check: Check) -> str:
     return f"{_SET_UP_ANEW[check.name]}: use --refit {','.join(refit)}. {left}"
 
 
-def _unit(check: Check) -> str:
-    factor = check.data["factor"]
-    left = MM.text(check.data["left_m"])
-    return f"wrong unit: the points are in {_UNITS[factor]}. Scaled by {factor:g}, errors are {left}"
-
-
-def _joint_unit(check: Check) -> str:
-    units = ("radians", "degrees") if check.data["factor"] > 1 else ("degrees", "radians")
-    text = f"{units[0]} where {units[1]} are expected"
-    return f"wrong unit: the joint positions are in {text}. Converted, errors are {MM.text(check.data['left_m'])}"
-
-
 _THINGS = {
-    "changed.base_shift": "base shifted",
-    "changed.base": "base moved",
-    "changed.tool": "tool moved",
-    "changed.targets": "targets moved",
-    "changed.target": "target {} moved",
-    "changed.joint": "zero of joint {}",
-    "changed.reading": "reading of {}",
+    "changed.base_step": "base moved",
+    "changed.tool_step": "tool moved",
+    "changed.target_step": "target {of[0]} moved",
+    "changed.joint_step": "zero of joint {number}",
+    "changed.outliers": "reading of {of}",
+    "changed.joint_gain": "gain of joint {of[0]}",
+    "changed.joint_coupling": "joint {of[1]} in joint {of[0]}",
+    "changed.link": "{of[0]}",
+    "changed.scale": "scale",
+    "changed.shear": "distorted space",
+    "changed.drift": "drift",
+    "changed.growth": "growth",
+    "changed.range_constant": "range constant",
 }
+_AGAIN = "Look at what happened between these rows, and measure again; then run lab verify again."
 _NEXT_STEPS = {
     "changed.base": "Run lab verify again with --refit base: it estimates the new pose, and tests the rest of the arm.",
     "changed.tool": "Run lab verify again with --refit tool: it estimates the new pose, and tests the rest of the arm.",
     "changed.target": "Run lab verify again with --refit tool: it estimates the new place, and tests the rest.",
-    "changed.joint": "Set the zero of joint {} anew, or calibrate anew.",
-    "changed.reading": "Measure {} again, or mark its row use = skip; then run lab verify again.",
-    "situation.unit": "Correct the unit of the points; then run lab verify again.",
-    "situation.joint_unit": "Correct the unit of the joint positions; then run lab verify again.",
-    "situation.mirrored": "Export the points in a right-handed frame; then run lab verify again.",
+    "changed.joint_step": "Set the zero of joint {number} anew, or calibrate anew.",
+    "changed.outliers": "Measure {of} again, or mark its row use = skip; then run lab verify again.",
+    "changed.joint": "Check how the joints are read: in the controller or the export; else calibrate anew.",
+    "changed.link": "Look for damage at that link, and calibrate anew.",
+    "changed.scale": "Measure a bar of known length with the instrument; then run lab verify again.",
+    "changed.shear": "Measure a bar of known length along several axes; then run lab verify again.",
+    "changed.drift": "Fix instrument and base, wait until both are warm, and measure again.",
+    "changed.growth": "Wait until arm and room are warm, and measure again.",
+    "changed.range_constant": "Compare the reflector with the one that the instrument is set to; then measure again.",
     "situation.another_arm": "Compare the serial number: verify against the run of this arm, or calibrate it anew.",
+    "diagnosis.": "Correct the file, or read it so by --accept {key}; then run lab verify again.",
 }  # by the name of a check, or what it begins with
 _STILL_GOOD = "Go on with this calibration. Check the arm again in a month."
 _BUILT_ON_DOUBT = "The calibration itself is not good: its page says what to do first."
@@ -164,7 +188,7 @@ _ANEW = "Calibrate anew: no single change explains the errors."
 
 def change_text(check: Check) -> str:
     """Return what a hypothesis says has changed, in two or three words: ``zero of joint 3``."""
-    return _THINGS[check.name].format(*check.data["of"])
+    return _named(_THINGS, check)
 
 
 def next_step(check: Check, verdict: str) -> str:
@@ -182,20 +206,15 @@ def next_step(check: Check, verdict: str) -> str:
     if cause is None and len(alike) != 1:
         return _AMBIGUOUS if alike else _ANEW
     last = alike[0] if cause is None else cause
-    step = next(step for name, step in _NEXT_STEPS.items() if last.name.startswith(name))
-    return step.format(*last.data.get("of", ()))
+    if "row" in last.data:
+        return _AGAIN
+    return _named({last.name: next(step for name, step in _NEXT_STEPS.items() if last.name.startswith(name))}, last)
 
 
 PHRASES: Mapping[str, Phrase] = {
     "verification": _verification,
     **dict.fromkeys(_CHANGED, _changed),
     **dict.fromkeys(_SET_UP_ANEW, _set_up_anew),
-    "situation.unit": _unit,
-    "situation.joint_unit": _joint_unit,
-    "situation.mirrored": (
-        "the points are mirrored: two of their axes are swapped, or one is negated; export them in a right-handed "
-        "frame. Mirrored back, errors are {left_m:mm}"
-    ),
     "situation.another_arm": (
         "this is another arm than the calibrated one, or it was rebuilt or crashed: verify against its own run, or "
         "calibrate anew. With base and tool fitted anew, errors are {left_m:mm}; those of the nominal model are "

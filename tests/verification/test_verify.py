@@ -30,8 +30,10 @@ from lab.options.virtual_campaign import VirtualCampaign
 from lab.phrases.phrase import phrase
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track
-from lab.verification.change_test import change_test, refitted, split_test, verify
+from lab.verification.change_test import verify
+from lab.verification.changes import refitted
 from lab.verification.predicted_points import CalibrationPrediction, VerificationProblem
+from lab.verification.split_test import change_test, split_test
 
 SIGMA = 5e-6
 NAMES = IRB120.chain.joint_names
