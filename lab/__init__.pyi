@@ -712,6 +712,7 @@ def verify(
     measurements: str | Path | Measurements | None = None,
     *,
     refit: Sequence[str] = ...,
+    accept: Sequence[str] = ...,
     instrument: str | Path | Instrument | None = None,
     noise_mm: float | None = None,
     serial: str | None = None,

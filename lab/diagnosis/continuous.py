@@ -76,19 +76,23 @@ class Space:
     Attributes:
         predicted: ``(n, k, d)``.
         placed: ``(k,)`` which things are positions (m).
-        times: ``(n,)`` of the rows, from -0.5 to 0.5.
+        times: ``(n,)`` of the rows, over a span of one.
+        is_centred: whether base, tool and zeros are fitted: else mistakes are about the zero of joints and frame.
     """
 
     predicted: Array
     placed: NDArray[np.bool_]
     times: Array
+    is_centred: bool = True
 
     def mistakes(self) -> Iterator[Hypothesis]:
         """Yield mistakes of the measured space: scale, shear, drift and growth."""
         if not self.placed.any():
             return
         points = np.zeros(self.predicted.shape)
-        points[:, self.placed] = self.predicted[:, self.placed] - self.predicted[:, self.placed].mean(axis=(0, 1))
+        points[:, self.placed] = self.predicted[:, self.placed]
+        if self.is_centred:
+            points[:, self.placed] -= points[:, self.placed].mean(axis=(0, 1))
         yield Hypothesis("scale", columns=points[..., None], units=("1",), rivals=("link",))
         sheared = np.zeros((*points.shape, 5))
         for column, (a, b) in enumerate(_SHEARS):
@@ -109,7 +113,7 @@ def lasting_mistakes(
 ) -> Iterator[Hypothesis]:
     """Yield mistakes that last for the whole campaign."""
     joints, names = rows.joints, rows.joint_names
-    about = joints - joints.mean(axis=0)
+    about = joints - joints.mean(axis=0) if space.is_centred else joints
     count = len(names)
     for a in range(count):
         gain = slopes[..., a : a + 1] * about[:, None, None, a : a + 1]

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identification import PLAUSIBLE_SPREAD, spread
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise
 from lab.core.checks import Check
@@ -20,20 +19,23 @@ from lab.core.progress import Progress, Stage, stages
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 from lab.core.units import MM, MRAD
+from lab.diagnosis.gross import Gross
+from lab.diagnosis.hypothesis import Hypothesis
 from lab.formats.measurement_csv import read_measurements
 from lab.library.load_run import CalibrationRun
 from lab.library.result import Result, error_statistics, exit_code_of, number
-from lab.noise.instruments import observing
+from lab.noise.instruments import Instrument, observing
 from lab.options.command_options import VerifyOptions
 from lab.options.named_instruments import named_instrument
 from lab.phrases.phrase import phrase, phrases
 from lab.prediction.extrapolation import MOST_UNCOVERED
 from lab.sensors.sensor_registry import sensor_named
+from lab.verdict.diagnosed import accepted_of, undone
 from lab.verdict.fit_checks import check_extrapolated, noise_beyond
-from lab.verification.change_test import Displacement, Hypothesis, Verified
+from lab.verification.change_test import Verified, misread
 from lab.verification.change_test import verify as test
+from lab.verification.changes import Displacement, PossibleChange
 from lab.verification.predicted_points import CalibrationPrediction, predict_measurements
-from lab.verification.situation import another_unit
 
 __all__ = ["VerificationResult", "verified_points"]
 
@@ -149,12 +151,12 @@ def _situation(each: Check | None) -> dict[str, Any] | None:
     """Return the cause of large errors; None where they are small, or no such cause was found."""
     if each is None:
         return None
-    kind, data = each.name.removeprefix("situation.").replace("_", " "), each.data
-    refit, left_mm = list(data.get("refit", ())), MM.of(data["left_m"])
+    kind, data = each.name.partition(".")[2].replace("_", " "), each.data
+    refit, left_mm = list(data.get("refit", ())), number(MM.of(data.get("left_m", data.get("after_m"))))
     return {"kind": kind, "words": phrase(each), "refit": refit, "left_mm": left_mm}
 
 
-def _hypothesis(each: Hypothesis) -> dict[str, Any]:
+def _hypothesis(each: PossibleChange) -> dict[str, Any]:
     return {
         "kind": each.kind,
         "words": phrase(each.check),
@@ -177,9 +179,7 @@ def _displacement(moved: Displacement) -> dict[str, float | None]:
     }
 
 
-_LEAST_SPREAD = 3  # poses whose spread is compared
 _PASSES = 2  # times that all rows are gone through where nothing has changed
-_SPREAD_OF = 4_000  # of more poses the spread of so many is as good
 _TOO_GOOD = 1 - 1e-4  # a p-value above it: the given noise is too large
 
 
@@ -226,9 +226,12 @@ def _tested(
         noisy = noise_beyond(options.noise_mm, rows, residual_m, "the run's residuals")
         _refuse_unknown_targets(calibrated, rows, options)
         observations, prediction = predict_measurements(calibrated.estimate, rows, noise, given=stated)
-        _refuse_implausible(prediction, observations)
-        names = [rows.where(i) for i in range(len(rows))]
-        verified = test(prediction, observations, options.refit, names, _counted(stage, tested))
+        gross = misread(prediction, rows)
+        if options.accept:
+            rows, gross = _read_as_accepted(rows, gross, options.accept)
+            observations, prediction = predict_measurements(calibrated.estimate, rows, noise, given=stated)
+        more = _range_constant(noise.instrument, prediction, observations)
+        verified = test(prediction, observations, options.refit, rows, _counted(stage, tested), gross, more)
     extrapolated = [rows.ids[i] for i in np.flatnonzero(calibrated.estimate.extrapolated(rows.joints))]
     messages = [
         *_warnings(calibrated, read, rows, verified),
@@ -237,6 +240,25 @@ def _tested(
     messages += fitted
     warnings = (*phrases(noisy), *messages, *_repeat_where_measured(len(extrapolated), len(rows), verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)
+
+
+def _read_as_accepted(rows: Measurements, gross: Gross, accept: Sequence[str]) -> tuple[Measurements, Gross]:
+    """Return the rows with the accepted mistakes of reading undone, and the mistakes that are left."""
+    findings = accepted_of(gross.findings, accept)
+    read, _ = undone(rows, sensor_named("points"), findings)
+    left = tuple(each for each in findings if not each.accepted)
+    return read.only("calibrate", "reference", "test"), replace(gross, findings=left)
+
+
+def _range_constant(
+    instrument: Instrument | None, prediction: CalibrationPrediction, observed: Observations
+) -> list[Hypothesis]:
+    """Return a wrong range constant of an instrument that measures ranges from the origin; none of others."""
+    if instrument is None or instrument.kind != "spherical":
+        return []
+    points = prediction.arm.points(observed.inputs, prediction.values)
+    sight = points / np.linalg.norm(points, axis=2, keepdims=True)
+    return [Hypothesis("range_constant", columns=sight[..., None], units=("m",), rivals=("base_step",))]
 
 
 def _counted(stage: Stage, name: str) -> Progress:
@@ -280,21 +302,6 @@ def _refuse_unknown_targets(calibrated: CalibrationRun, rows: Measurements, opti
         raise LabError(
             f"target {unknown[0]} was not identified, and the group residual of {options.run} covers its own targets "
             "only; measure one of these, or identify again without residual"
-        )
-
-
-def _refuse_implausible(prediction: CalibrationPrediction, observations: Observations) -> None:
-    some = observations.thinned(_SPREAD_OF)
-    predicted = prediction.arm.points(some.inputs, prediction.values)
-    spreads = [spread(np.where(np.isnan(some.points), np.nan, points)) for points in (some.points, predicted)]
-    if (
-        len(observations.inputs) >= _LEAST_SPREAD
-        and not PLAUSIBLE_SPREAD[0] <= spreads[0] / spreads[1] <= PLAUSIBLE_SPREAD[1]
-    ):
-        other = another_unit(prediction, observations)
-        raise LabError(
-            f"the measured points spread {spreads[0] / spreads[1]:.3g} times as far as the robot's at these poses: "
-            f"{'wrong unit, or another robot' if other is None else phrase(other)}"
         )
 
 

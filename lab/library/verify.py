@@ -26,7 +26,7 @@ __all__ = ["plan_touches", "verification_of", "verify", "verify_touches"]
 
 
 _OF_TOUCHES = ("reference", "since")  # options that only daily touches have a use for
-_OF_POINTS = ("refit", "instrument", "noise_mm")
+_OF_POINTS = ("refit", "accept", "instrument", "noise_mm")
 
 
 @takes(VerifyOptions, unused=("observe", "plan", *_OF_TOUCHES), file="measurements")
@@ -42,7 +42,8 @@ def verify(
             options in one object.
         measurements: a CSV file, or measurements in memory: points in the frame of the run (m) unless ``refit`` says
             that the base was set up anew. Daily touches of a socket are for ``lab.verify_touches``.
-        options: those of ``lab verify`` for points, by name: ``refit``, ``instrument``, ``noise_mm``, ``force``.
+        options: those of ``lab verify`` for points, by name: ``refit``, ``accept``, ``instrument``, ``noise_mm``,
+            ``force``.
 
     Returns:
         Whether the errors are those that the calibration predicts, and what would explain them if not.

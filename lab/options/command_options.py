@@ -121,6 +121,8 @@ class VerifyOptions:
     """What the file holds; by default points, where it has columns of them."""
     refit: Names = ()
     """What was set up anew, and is fitted: base, tool, or base,tool."""
+    accept: Names = ()
+    """Undo these mistakes of reading, which the diagnosis found: their names, e.g. joint_sign or joint_sign:q3."""
     instrument: str | None = None
     """Whose noise these measurements have: uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm or
     krypton-k600, with its head at the file's origin; by default what the run took it for.
@@ -174,7 +176,8 @@ class VerifyOptions:
     def refuse_others(self, *, touches: bool) -> None:
         """Refuse options of measured points for touches, and the other way round, with a LabError."""
         if touches:
-            given, what = {"refit": self.refit, "instrument": self.instrument, "noise-mm": self.noise_mm}, "points"
+            given = {"refit": self.refit, "accept": self.accept}
+            given, what = {**given, "instrument": self.instrument, "noise-mm": self.noise_mm}, "points"
         else:
             given, what = {"reference": self.reference, "since": self.since, "plan": self.plan}, "touches of a socket"
         if stray := [name for name, value in given.items() if value not in (None, ())]:

@@ -14,7 +14,7 @@ from lab.core.se3 import Array
 from lab.core.units import DEGREES, MICRORADIANS, MM, MRAD, PPM, Unit, short_length
 from lab.phrases.template import Phrase, worded
 
-__all__ = ["HALF_95", "NEXT_STEPS", "PHRASES", "deciding_measurement"]
+__all__ = ["HALF_95", "NEXT_STEPS", "PHRASES", "advice", "cause_text", "deciding_measurement"]
 
 HALF_95 = 1.96  # of an interval, in standard deviations
 _MOST_NAMED = 5  # poses or pictures in a sentence
@@ -288,11 +288,22 @@ def _remedy(check: Check) -> Iterator[str]:
         yield _ADVICE[name]
 
 
+def cause_text(check: Check) -> str:
+    """Return the clause that names the cause alone, with its place and size."""
+    name = check.name.removeprefix("diagnosis.")
+    return worded({**_DISCRETE, **_CONTINUOUS}[name], check)
+
+
+def advice(name: str) -> str:
+    """Return what to do about a continuous mistake, by the name of its check; empty where it is fitted."""
+    return _ADVICE.get(name.removeprefix("diagnosis."), "")
+
+
 PHRASES: Mapping[str, Phrase] = {
     f"diagnosis.{name}": _sentence(cause) for name, cause in {**_DISCRETE, **_CONTINUOUS}.items()
 }
 NEXT_STEPS: Mapping[str, str] = {
     "diagnosis": "Correct the file or undo the mistake by --accept, if the cause below is right; then identify again.",
     "diagnosis.other_robot": "Identify with the --robot that is named below.",
-    **{f"diagnosis.{name}": f"{advice}; then identify again." for name, advice in _ADVICE.items()},
+    **{f"diagnosis.{name}": f"{step}; then identify again." for name, step in _ADVICE.items()},
 }

@@ -6,7 +6,8 @@ import numpy as np
 
 from lab.core.checks import Check
 from lab.core.significance import VERIFICATION
-from lab.core.units import MM, MRAD, PPM
+from lab.core.units import MM, MRAD
+from lab.phrases.diagnosis_phrases import advice, cause_text
 from lab.phrases.template import Phrase, worded
 
 __all__ = [
@@ -41,15 +42,8 @@ _CHANGED = {
     "changed.tool_step": "the tool has moved by",
     "changed.target_step": "target {of[0]} has moved on the tool by",
     "changed.joint_step": "the zero of joint {number} ({of[0]}) has moved by",
-    "changed.outliers": "the reading of {of} alone is in error by",
-    "changed.joint_gain": "the readings of joint {of[0]} are in error by a factor, 1 plus",
-    "changed.joint_coupling": "the readings of joint {of[0]} hold a share of joint {of[1]}, of",
-    "changed.link": "{of[0]} has changed by",
-    "changed.scale": "the measured lengths are in error by a factor, 1 plus",
-    "changed.shear": "the measured space is distorted by",
-    "changed.drift": "base or instrument have drifted from the first to the last row by",
-    "changed.growth": "the arm has grown from the first to the last row by",
-    "changed.range_constant": "the range constant of the instrument is in error by",
+    "changed.range_constant": "the instrument's range constant is another one by",
+    "changed.outliers": "the reading of {names} alone is in error by",
 }
 _SEVERAL = (
     "no single movement of base, tool or a joint's zero and no single outlier explains it: more than one thing has "
@@ -66,7 +60,8 @@ def _verification(check: Check) -> str:
     diagnosis = f": {_diagnosis(check)}" if data["alike"] or cause is None else ""
     if cause is None:
         return f"changed: {errors}{diagnosis}"
-    return f"{worded(PHRASES[cause.name], cause)}. Changed: {errors}{diagnosis}"
+    text = cause_text(cause) if cause.name.startswith("diagnosis.") else worded(PHRASES[cause.name], cause)
+    return f"{text}. Changed: {errors}{diagnosis}"
 
 
 def _tests(check: Check) -> str:
@@ -99,30 +94,19 @@ def _diagnosis(check: Check) -> str:
 
 
 def _changed(check: Check) -> str:
-    return f"{_named(_CHANGED, check)} {extent_text(check)}{_since(check)}"
+    if check.name.startswith("diagnosis."):
+        return cause_text(check)
+    return f"{_named(_CHANGED[check.name], check)} {extent_text(check)}"
 
 
-def _named(texts: Mapping[str, str], check: Check) -> str:
-    data = dict(check.data)
-    if check.name == "changed.outliers":
-        data["of"] = ", ".join(data["of"])
-    elif check.name == "changed.link":
-        data["of"] = (parameter_text(data["of"][0]),)
-    return texts[check.name].format_map(data)
-
-
-def _since(check: Check) -> str:
-    """Return between which rows something moved; nothing of what moved before the first."""
-    if "row" not in check.data:
-        return ""
-    last, first = check.data["of"][-2:]
-    return f" between {last} and {first}"
+def _named(text: str, check: Check) -> str:
+    of = check.data.get("of", ())
+    return text.format_map({**check.data, "names": ", ".join(of)})
 
 
 _EXTENTS = (
     ("shift_m", "shift_std_m", MM),
     ("turn_rad", "turn_std_rad", MRAD),
-    ("ratio", "ratio_std", PPM),
 )
 
 
@@ -153,32 +137,19 @@ _THINGS = {
     "changed.tool_step": "tool moved",
     "changed.target_step": "target {of[0]} moved",
     "changed.joint_step": "zero of joint {number}",
-    "changed.outliers": "reading of {of}",
-    "changed.joint_gain": "gain of joint {of[0]}",
-    "changed.joint_coupling": "joint {of[1]} in joint {of[0]}",
-    "changed.link": "{of[0]}",
-    "changed.scale": "scale",
-    "changed.shear": "distorted space",
-    "changed.drift": "drift",
-    "changed.growth": "growth",
     "changed.range_constant": "range constant",
+    "changed.outliers": "reading of {names}",
 }
-_AGAIN = "Look at what happened between these rows, and measure again; then run lab verify again."
+_AGAIN = "; then run lab verify again."
+_WITHIN = "Look at what happened between these poses, and measure again"
 _NEXT_STEPS = {
     "changed.base": "Run lab verify again with --refit base: it estimates the new pose, and tests the rest of the arm.",
     "changed.tool": "Run lab verify again with --refit tool: it estimates the new pose, and tests the rest of the arm.",
     "changed.target": "Run lab verify again with --refit tool: it estimates the new place, and tests the rest.",
     "changed.joint_step": "Set the zero of joint {number} anew, or calibrate anew.",
-    "changed.outliers": "Measure {of} again, or mark its row use = skip; then run lab verify again.",
-    "changed.joint": "Check how the joints are read: in the controller or the export; else calibrate anew.",
-    "changed.link": "Look for damage at that link, and calibrate anew.",
-    "changed.scale": "Measure a bar of known length with the instrument; then run lab verify again.",
-    "changed.shear": "Measure a bar of known length along several axes; then run lab verify again.",
-    "changed.drift": "Fix instrument and base, wait until both are warm, and measure again.",
-    "changed.growth": "Wait until arm and room are warm, and measure again.",
     "changed.range_constant": "Compare the reflector with the one that the instrument is set to; then measure again.",
+    "changed.outliers": "Measure {names} again, or mark its row use = skip; then run lab verify again.",
     "situation.another_arm": "Compare the serial number: verify against the run of this arm, or calibrate it anew.",
-    "diagnosis.": "Correct the file, or read it so by --accept {key}; then run lab verify again.",
 }  # by the name of a check, or what it begins with
 _STILL_GOOD = "Go on with this calibration. Check the arm again in a month."
 _BUILT_ON_DOUBT = "The calibration itself is not good: its page says what to do first."
@@ -188,7 +159,9 @@ _ANEW = "Calibrate anew: no single change explains the errors."
 
 def change_text(check: Check) -> str:
     """Return what a hypothesis says has changed, in two or three words: ``zero of joint 3``."""
-    return _named(_THINGS, check)
+    if check.name.startswith("diagnosis."):
+        return " ".join((check.name.removeprefix("diagnosis.").replace("_", " "), *check.data["of"][:1]))
+    return _named(_THINGS[check.name], check)
 
 
 def next_step(check: Check, verdict: str) -> str:
@@ -198,17 +171,21 @@ def next_step(check: Check, verdict: str) -> str:
         check: that of the whole verification.
         verdict: good, doubtful or bad.
     """
-    cause, alike = check.data["cause"], check.data["alike"]
     if check.outcome == "passed":
         return _STILL_GOOD if verdict == "good" else _BUILT_ON_DOUBT
-    if cause is not None and "refit" in cause.data:
-        return f"Run lab verify again with --refit {','.join(cause.data['refit'])}: it tests the rest of the arm."
+    cause, alike = check.data["cause"], check.data["alike"]
     if cause is None and len(alike) != 1:
         return _AMBIGUOUS if alike else _ANEW
-    last = alike[0] if cause is None else cause
-    if "row" in last.data:
-        return _AGAIN
-    return _named({last.name: next(step for name, step in _NEXT_STEPS.items() if last.name.startswith(name))}, last)
+    return _step_after(alike[0] if cause is None else cause)
+
+
+def _step_after(last: Check) -> str:
+    if "refit" in last.data:
+        return f"Run lab verify again with --refit {','.join(last.data['refit'])}: it tests the rest of the arm."
+    if last.name.startswith("diagnosis."):
+        undone = f"Correct the file, or read it so by --accept {last.data['key']}" if last.data["discrete"] else ""
+        return f"{undone or advice(last.name) or _WITHIN}{_AGAIN}"
+    return _named(next(step for name, step in _NEXT_STEPS.items() if last.name.startswith(name)), last)
 
 
 PHRASES: Mapping[str, Phrase] = {

@@ -107,7 +107,7 @@ def verify(
     prediction: CalibrationPrediction,
     observed: Observations,
     refit: Sequence[str] = (),
-    poses: Sequence[str] = (),
+    rows: Measurements | None = None,
     progress: Progress = no_progress,
     gross: Gross | None = None,
     more: Sequence[Hypothesis] = (),
@@ -117,7 +117,7 @@ def verify(
     Args:
         observed: weighted by a given sigma, or by the one that the run estimated.
         refit: ``base``, ``tool`` or both: fitted anew, so that they cannot be what has moved.
-        poses: what each is called; by their numbers where not given.
+        rows: of ``observed``, as messages name them; by their numbers where not given.
         progress: takes how many poses were worked out of how many, each time that all are gone through.
         gross: mistakes of reading that nobody has accepted; searched where not given.
         more: mistakes of the instrument for the whole file.
@@ -125,36 +125,22 @@ def verify(
     Raises:
         LabError: the measurements are too few for what is to be fitted anew.
     """
-    arm, problem = prediction.arm, VerificationProblem(prediction, observed, progress)
-    if gross is None:
-        names = arm.rigid.chain.joint_names
-        gross = misread(prediction, measured(names, observed.inputs[:, : len(names)], arm.targets, observed.points))
+    problem = VerificationProblem(prediction, observed, progress)
+    rows = _numbered(prediction, observed) if rows is None else rows
+    gross = misread(prediction, rows) if gross is None else gross
     # place base and tool anew, then test what is left
     fit, undetermined = _refit(problem, refit)
     test = change_test(prediction, fit)
     expected = problem.expected_m(fit)
     errors = _errors(prediction, observed, fit.values)
-    # where it rejects: the changes that explain it, alike where no reading tells them apart
-    far = _positions(gross, len(observed.inputs)) if test.changed else ()
-    search = _Search(problem, fit, tuple(refit), poses, far)
-    explaining = search.changes(more) if test.changed and not gross.findings else []
-    alike = equivalent(explaining, fit.numbers)
-    cause = next((each.check for each in gross.findings), None)
-    if cause is None and test.changed and {each.kind for each in alike} <= {"base", "tool"}:
-        cause = search.situation(expected)
-    data = {
-        "rms_m": float(np.sqrt(np.nanmean(errors**2))),
-        "predicted_m": expected,
-        "parts": tuple((part.numbers, part.p) for part in (test.along, test.rest) if part.numbers > 0),
-        "sigma_dof": prediction.dof,
-        "tail_dof": prediction.tail_dof,
-        "draws": DRAWS,
-        "cause": cause,
-        "alike": tuple(each.check for each in alike),
-    }
-    outcome: Outcome = "failed" if test.changed or cause else "passed"
+    # what is wrong, where a mistake of reading is named or the test rejects
+    found = _Diagnosis(tuple(each.check for each in gross.findings), ())
+    if test.changed and not gross.findings:
+        found = _Search.beside(gross, problem, fit, refit, rows).diagnosis(more, expected)
+    alike = equivalent(found.changes, fit.numbers)
+    check = _check(prediction, fit, test, errors, expected, found, alike)
     return Verified(
-        good=outcome == "passed",
+        good=check.outcome == "passed",
         statistic=fit.square,
         p_of_all=prediction.p(fit.square, fit.dof),
         numbers=fit.dof,
@@ -163,20 +149,44 @@ def verify(
         values=fit.values,
         errors=errors,
         expected_m=expected,
-        hypotheses=tuple(explaining),
+        hypotheses=found.changes,
         moved=tuple(dict.fromkeys(each.kind for each in alike)),
         refit=_placed_anew(prediction, fit, refit),
         undetermined=undetermined,
         would_notice=_would_notice(prediction, fit, test, refit),
-        situation=cause,
-        check=Check("verification", outcome, fit.square, test.p, VERIFICATION, data),
+        situation=found.cause,
+        check=check,
     )
 
 
-def _positions(gross: Gross, poses: int) -> tuple[int, ...]:
-    """Return the numbers of the outliers among all poses; none where only a part was read."""
-    ids = gross.corrected.ids
-    return tuple(i for i, name in enumerate(ids) if name in gross.outliers) if len(ids) == poses else ()
+def _check(
+    prediction: CalibrationPrediction,
+    fit: RefitSolution,
+    test: ChangeTest,
+    errors: Array,
+    expected_m: float,
+    found: "_Diagnosis",
+    alike: Sequence[PossibleChange],
+) -> Check:
+    """Return the check of a verification, with all that its sentence needs."""
+    data = {
+        "rms_m": float(np.sqrt(np.nanmean(errors**2))),
+        "predicted_m": expected_m,
+        "parts": tuple((part.numbers, part.p) for part in (test.along, test.rest) if part.numbers > 0),
+        "sigma_dof": prediction.dof,
+        "tail_dof": prediction.tail_dof,
+        "draws": DRAWS,
+        "cause": found.cause,
+        "alike": tuple(each.check for each in alike),
+    }
+    outcome: Outcome = "failed" if test.changed or found.causes else "passed"
+    return Check("verification", outcome, fit.square, test.p, VERIFICATION, data)
+
+
+def _numbered(prediction: CalibrationPrediction, observed: Observations) -> Measurements:
+    """Return the measurements of observations, as rows with numbers."""
+    names = prediction.arm.rigid.chain.joint_names
+    return measured(names, observed.inputs[:, : len(names)], prediction.arm.targets, observed.points)
 
 
 def _errors(prediction: CalibrationPrediction, observed: Observations, values: Array) -> Array:
@@ -217,36 +227,67 @@ def _structural_rank(prediction: CalibrationPrediction, directions: Array) -> in
 
 
 @dataclass(frozen=True)
+class _Diagnosis:
+    """What makes a file differ from the prediction.
+
+    Attributes:
+        causes: of large errors, the foremost first: mistakes of reading, or what was set up anew.
+        changes: that may explain them, the likeliest first.
+    """
+
+    causes: tuple[Check, ...]
+    changes: tuple[PossibleChange, ...]
+
+    @property
+    def cause(self) -> Check | None:
+        """The foremost cause."""
+        return self.causes[0] if self.causes else None
+
+
+@dataclass(frozen=True)
 class _Search:
     """Search for what makes a file differ from the prediction, without the outliers that are named already."""
 
     problem: VerificationProblem
     fit: RefitSolution
     refit: tuple[str, ...]
-    poses: Sequence[str]
+    rows: Measurements
     far: tuple[int, ...]
 
+    @classmethod
+    def beside(
+        cls, gross: Gross, problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], rows: Measurements
+    ) -> "_Search":
+        """Return the search beside the outliers of a reading."""
+        far = tuple(i for i, name in enumerate(rows.ids) if name in gross.outliers)
+        return cls(problem, fit, tuple(refit), rows, far)
+
     @cached_property
-    def _rest(self) -> tuple[VerificationProblem, RefitSolution, Sequence[str]]:
-        """The problem without outliers, its fit, and the names of its poses."""
+    def _rest(self) -> tuple[VerificationProblem, RefitSolution, Measurements]:
+        """The problem without outliers, its fit, and its rows."""
         if not self.far:
-            return self.problem, self.fit, self.poses
-        n = len(self.problem.observed.inputs)
-        rows = np.setdiff1d(np.arange(n), self.far)
-        rest = replace(self.problem, observed=self.problem.observed.take(rows))
-        names = self.poses or [f"pose {i}" for i in range(n)]
-        return rest, _refit(rest, self.refit)[0], [names[i] for i in rows]
+            return self.problem, self.fit, self.rows
+        kept = np.setdiff1d(np.arange(len(self.rows)), self.far)
+        rest = replace(self.problem, observed=self.problem.observed.take(kept))
+        return rest, _refit(rest, self.refit)[0], self.rows[kept]
 
-    def changes(self, more: Sequence[Hypothesis]) -> list[PossibleChange]:
+    def diagnosis(self, more: Sequence[Hypothesis], expected_m: float) -> _Diagnosis:
+        """Return the possible changes; where they are movements of base or tool alone, or none, the situation, too."""
+        changes = self._changes(more)
+        kinds = {each.kind for each in equivalent(changes, self.fit.numbers)}
+        cause = self._situation(expected_m) if kinds <= {"base", "tool"} else None
+        return _Diagnosis(() if cause is None else (cause,), tuple(changes))
+
+    def _changes(self, more: Sequence[Hypothesis]) -> list[PossibleChange]:
         """Return what may have changed, the likeliest first; the outliers, where nothing else has."""
-        problem, fit, poses = self._rest
+        problem, fit, rows = self._rest
         if self.far and not change_test(problem.prediction, fit).changed:
-            return outlying(self.problem, self.fit, self.refit, self.poses, self.far)
-        rows = np.setdiff1d(np.arange(len(self.problem.observed.inputs)), self.far)
-        of_rows = [each if each.columns is None else replace(each, columns=each.columns[rows]) for each in more]
-        return possible_changes(problem, fit, self.refit, poses, of_rows)
+            return outlying(self.problem, self.fit, self.refit, self.rows, self.far)
+        kept = np.setdiff1d(np.arange(len(self.rows)), self.far)
+        of_rows = [each if each.columns is None else replace(each, columns=each.columns[kept]) for each in more]
+        return possible_changes(problem, fit, self.refit, rows, of_rows)
 
-    def situation(self, expected_m: float) -> Check | None:
+    def _situation(self, expected_m: float) -> Check | None:
         """Return the check that names the cause of large errors: set up anew, another tool, another arm.
 
         The errors of a calibrated arm are a small part of a millimetre. Those of many millimetres are no change of it.

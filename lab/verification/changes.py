@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from lab.calibration.guess import columns_of
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core import se3
-from lab.core.checks import Check
-from lab.core.measurements import measured, seen_mask
+from lab.core.checks import Check, Outcome
+from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
-from lab.diagnosis.continuous import lasting_mistakes, steps_of
+from lab.diagnosis.continuous import Space, lasting_mistakes, steps_of
 from lab.diagnosis.hypothesis import Finding, Hypothesis
 from lab.diagnosis.scores import score, scores_of_poses, scores_of_steps
 from lab.kinematics.effects.arm_with_effects import Arm
@@ -36,29 +36,29 @@ _UNUSUAL = 2 * _GAP  # by which a mistake within the file is less likely beforeh
 _LEAST_POSES = 6  # among which something may change
 _COMPARED = 5  # mistakes within the file, by their scores
 _MOST_POSES = 20_000  # among which such mistakes are looked for
-_KINDS = {"base_step": "base", "tool_step": "tool", "target_step": "tool", "joint_step": "joint", "outliers": "reading"}
+_KINDS = {
+    "base_step": "base",
+    "tool_step": "tool",
+    "target_step": "tool",
+    "joint_step": "joint",
+    "range_constant": "range",
+    "outliers": "reading",
+}
 
 
 @dataclass(frozen=True)
 class Displacement:
-    """Size of a change, each with its standard deviation; NaN where that does not apply or is not observable.
-
-    Attributes:
-        shift_m, turn_rad: how far something moved.
-        ratio: of a scale, a gain or a coupling.
-    """
+    """Size of a change, each with its standard deviation; NaN where that does not apply or is not observable."""
 
     shift_m: float = float("nan")
     shift_std_m: float = float("nan")
     turn_rad: float = float("nan")
     turn_std_rad: float = float("nan")
-    ratio: float = float("nan")
-    ratio_std: float = float("nan")
 
     @classmethod
     def of(cls, sizes: Array, covariance: Array, units: Sequence[str]) -> "Displacement":
-        """Return the size of numbers with their covariance, each in one of the units ``m``, ``rad`` and ``1``."""
-        parts = [np.array([each == unit for each in units]) for unit in ("m", "rad", "1")]
+        """Return the size of numbers with their covariance, each in ``m``, ``rad``, or as a ratio."""
+        parts = [np.array([each == unit for each in units]) for unit in ("m", "rad")]
         return cls(*(number for part in parts for number in _sized(sizes[part], covariance[np.ix_(part, part)])))
 
 
@@ -75,6 +75,11 @@ def _sized(vector: Array, covariance: Array) -> tuple[float, float]:
     along = vector / length if length > 0 else np.full(len(vector), len(vector) ** -0.5)
     each = np.sqrt(len(vector) / 3)
     return length / each, float(np.sqrt(along @ covariance @ along)) / each
+
+
+def _is_unusual(hypothesis: Hypothesis) -> bool:
+    """Decide whether something is wrong within the file, rather than moved since the calibration, or an outlier."""
+    return hypothesis.name not in _KINDS or "row" in dict(hypothesis.data)
 
 
 @dataclass(frozen=True)
@@ -106,17 +111,18 @@ class PossibleChange:
 
     @property
     def kind(self) -> str:
-        """``base``, ``tool``, ``joint`` since the calibration, ``reading``; else the name of the hypothesis."""
-        within = "row" in dict(self.finding.hypothesis.data)
-        return self.finding.name if within else _KINDS.get(self.finding.name, self.finding.name)
+        """``base``, ``tool``, ``joint``, ``range`` since the calibration, ``reading``; else the hypothesis' name."""
+        unusual = _is_unusual(self.finding.hypothesis)
+        return self.finding.name if unusual else _KINDS[self.finding.name]
 
     @property
     def check(self) -> Check:
         """Test of the remaining statistic; passed where it is not rejected."""
+        outcome: Outcome = "passed" if self.explains else "failed"
+        if _is_unusual(self.finding.hypothesis):
+            return replace(self.finding.check, outcome=outcome, statistic=self.chi2, p=self.p)
         data = {"of": self.of, **dict(self.finding.hypothesis.data), **asdict(self.extent)}
-        return Check(
-            f"changed.{self.finding.name}", "passed" if self.explains else "failed", self.chi2, self.p, data=data
-        )
+        return Check(f"changed.{self.finding.name}", outcome, self.chi2, self.p, data=data)
 
 
 def refitted(arm: Arm, refit: Sequence[str]) -> Array:
@@ -187,7 +193,7 @@ def possible_changes(
     problem: VerificationProblem,
     fit: RefitSolution,
     refit: Sequence[str],
-    poses: Sequence[str],
+    rows: Measurements,
     more: Sequence[Hypothesis] = (),
 ) -> list[PossibleChange]:
     """Return the hypotheses that measurements determine, the likeliest first.
@@ -195,10 +201,10 @@ def possible_changes(
     Args:
         fit: with what is fitted anew.
         refit: what is: it cannot be what has moved since the calibration.
-        poses: what each is called.
+        rows: the measurements, as they are called.
         more: mistakes of the whole file that the instrument brings.
     """
-    task = _Comparison(problem, fit, tuple(refit), _named(problem, poses))
+    task = _Comparison(problem, fit, tuple(refit), rows)
     found = [change for of in movements(problem.prediction.arm, fit.values) if (change := task.moved(of)) is not None]
     mistakes = [task.worst_pose(), *task.mistakes(more)]
     found += [change for of in mistakes if (change := task.beside(of)) is not None]
@@ -206,22 +212,18 @@ def possible_changes(
 
 
 def outlying(
-    problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], poses: Sequence[str], which: Sequence[int]
+    problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], rows: Measurements, which: Sequence[int]
 ) -> list[PossibleChange]:
     """Return the hypothesis that some poses are outliers, as far as the measurements determine it."""
-    task = _Comparison(problem, fit, tuple(refit), _named(problem, poses))
-    change = task.beside(task.outliers(which, float(len(task.poses)) ** len(which)))
+    task = _Comparison(problem, fit, tuple(refit), rows)
+    change = task.beside(task.outliers(which, float(len(task.rows)) ** len(which)))
     return [] if change is None else [change]
-
-
-def _named(problem: VerificationProblem, poses: Sequence[str]) -> tuple[str, ...]:
-    return tuple(poses) or tuple(f"pose {i}" for i in range(len(problem.observed.inputs)))
 
 
 def equivalent(found: Sequence[PossibleChange], numbers: int) -> list[PossibleChange]:
     """Return the hypotheses equivalent to the best one: the best of each kind, all of joints.
 
-    A larger hypothesis does not pay for being larger: a base that turned about the first axis is as simple a thing
+    A larger movement does not pay for being larger: a base that turned about the first axis is as simple a thing
     as that axis' zero, and looks the same.
     """
     explaining = [each for each in found if each.explains]
@@ -230,7 +232,8 @@ def equivalent(found: Sequence[PossibleChange], numbers: int) -> list[PossibleCh
     best = explaining[0]
     alike: list[PossibleChange] = []
     for each in explaining:
-        pays = max(0, each.parameters - best.parameters) * np.log(numbers)
+        more = 0 if _is_unusual(each.finding.hypothesis) else each.parameters - best.parameters
+        pays = max(0, more) * np.log(numbers)
         new = each.kind == "joint" or each.kind not in {other.kind for other in alike}
         if new and each.bic - pays <= best.bic + _GAP:
             alike.append(each)
@@ -278,7 +281,7 @@ class _Comparison:
     problem: VerificationProblem
     fit: RefitSolution
     refit: tuple[str, ...]
-    poses: tuple[str, ...]
+    rows: Measurements
 
     @property
     def _arm(self) -> Arm:
@@ -289,7 +292,7 @@ class _Comparison:
         return freed(self.fit, self.problem.prediction.free)
 
     @cached_property
-    def _rows(self) -> _Residuals:
+    def _left(self) -> _Residuals:
         """Residuals beside what is fitted anew."""
         mask = np.repeat(seen_mask(self.problem.observed.points), 3, axis=1)
         parts = [(residual, jacobian) for _, residual, jacobian in self.problem.parts(self.fit.values)]
@@ -318,11 +321,11 @@ class _Comparison:
         if hypothesis is None or hypothesis.columns is None:
             return None
         columns = self._white(hypothesis.columns)
-        drop, sizes, covariance, determined = self._rows.explained(columns)
+        drop, sizes, covariance, determined = self._left.explained(columns)
         if determined < 1:
             return None
         # what the identified parameters would explain of what is left
-        dropped, _, _, free = replace(self._rows, taken=self._opened.taken).explained(columns)
+        dropped, _, _, free = replace(self._left, taken=self._opened.taken).explained(columns)
         square, numbers = explained(self.fit, self._opened)
         along = square - drop + dropped, numbers - determined + free
         left = split_test(self.problem.prediction, (self.fit.square - drop, self.fit.dof - determined), along)
@@ -335,8 +338,7 @@ class _Comparison:
         prediction, numbers = self.problem.prediction, self.problem.numbers
         bic = prediction.deviance(left.square, numbers) + determined * np.log(numbers)
         bic += 2 * np.log(hypothesis.alternatives)
-        if _KINDS.get(hypothesis.name) is None or "row" in dict(hypothesis.data):
-            bic += _UNUSUAL
+        bic += _UNUSUAL * _is_unusual(hypothesis)
         evidence = prediction.deviance(self.fit.square, numbers) - bic
         finding = Finding(replace(hypothesis, columns=None), float(evidence))
         extent = Displacement()
@@ -344,12 +346,15 @@ class _Comparison:
             stds = np.sqrt(np.diag(sizes[1]))
             finding = replace(finding, sizes=tuple(sizes[0].tolist()), stds=tuple(stds.tolist()))
             extent = Displacement.of(*sizes, hypothesis.units)
+            if hypothesis.columns is not None:
+                made = (hypothesis.columns @ sizes[0])[self.problem.observed.seen]
+                finding = replace(finding, explains_m=float(np.sqrt((made**2).sum(axis=1).mean())))
         return PossibleChange(finding, extent, determined, left.square, left.p, float(bic), not left.changed)
 
     def _white(self, columns: Array) -> Array:
         """Return columns ``(n, k, d, c)`` in units of noise, ``(n, m, c)``; zero where nothing was observed."""
-        white = np.zeros((*self._rows.mask.shape, columns.shape[3]))
-        white[self._rows.mask] = self.problem.observed.apply(np.nan_to_num(columns))
+        white = np.zeros((*self._left.mask.shape, columns.shape[3]))
+        white[self._left.mask] = self.problem.observed.apply(np.nan_to_num(columns))
         return white
 
     def worst_pose(self) -> Hypothesis:
@@ -358,9 +363,9 @@ class _Comparison:
         Leaving out rows i lowers it by g_i' M_ii^-1 g_i, with M = S^-1 less what is fitted and g = M r (Cook &
         Weisberg 1982, section 2.2, for blocks).
         """
-        scores = scores_of_poses(self._rows, self._rows.mask)
-        scores[~self._rows.mask.any(axis=1)] = -np.inf
-        return self.outliers([int(np.argmax(scores))], int(self._rows.mask.any(axis=1).sum()))
+        scores = scores_of_poses(self._left, self._left.mask)
+        scores[~self._left.mask.any(axis=1)] = -np.inf
+        return self.outliers([int(np.argmax(scores))], int(self._left.mask.any(axis=1).sum()))
 
     def outliers(self, poses: Sequence[int], alternatives: float) -> Hypothesis:
         """Return poses that are each off on their own."""
@@ -371,19 +376,19 @@ class _Comparison:
             columns[pose, :, :, i] = np.eye(k * d).reshape(k, d, k * d)
         seen = np.repeat(seen_mask(observed.points), d, axis=1)[list(poses)].ravel()
         columns = columns.reshape(n, k, d, -1)[..., seen]
-        units, names = ("m",) * columns.shape[3], tuple(self.poses[i] for i in poses)
+        units, names = ("m",) * columns.shape[3], tuple(self.rows.where(i) for i in poses)
         return Hypothesis("outliers", names, alternatives, columns=columns, units=units)
 
     def mistakes(self, more: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Return the mistakes within the file of the largest scores: steps, and what lasts for the whole file."""
-        if not _LEAST_POSES <= len(self.poses) <= _MOST_POSES:
+        if not _LEAST_POSES <= len(self.rows) <= _MOST_POSES:
             return []
         numbers = np.log(self.problem.numbers)
         found = list[tuple[float, Hypothesis]]()
         for of in (*self._of_columns(), *more):
             assert of.columns is not None
             price = of.columns.shape[3] * numbers + 2 * np.log(of.alternatives)
-            found.append((price - score(self._rows, self._white(of.columns)), of))
+            found.append((price - score(self._left, self._white(of.columns)), of))
         return [of for cost, of in sorted(found, key=lambda each: each[0])[:_COMPARED] if cost < 0]
 
     def _of_columns(self) -> Iterator[Hypothesis]:
@@ -391,18 +396,19 @@ class _Comparison:
         names = arm.rigid.chain.joint_names
         predicted, jacobian = arm.observe(observed.inputs, values)
         slopes = by_joint_positions(arm, observed.inputs, values, len(names))
-        rows = measured(names, observed.inputs[:, : len(names)], arm.targets, observed.points)
         n = len(observed.inputs)
         # from which row on each would have moved
         of_steps = list(steps_of(arm, jacobian, slopes, names))
         for steps in of_steps:
             assert steps.hypothesis.columns is not None
-            scores = scores_of_steps(self._rows, self._white(steps.hypothesis.columns), np.arange(n))
+            scores = scores_of_steps(self._left, self._white(steps.hypothesis.columns), np.arange(n))
             if scores.any():
                 alike = sum(each.hypothesis.name == steps.hypothesis.name for each in of_steps)
-                yield steps.from_row(int(np.argmax(scores)), self.poses, n * alike)
+                yield steps.from_row(int(np.argmax(scores)), self.rows.ids, n * alike)
+        # what lasts: zeros are movements already, and links that were not identified explain nothing
+        space = Space(predicted, np.ones(len(arm.targets), dtype=np.bool_), np.linspace(0, 1, n), is_centred=False)
+        lasting = lasting_mistakes(arm, jacobian, slopes, self.rows, space)
         free = {arm.names[i] for i in self.problem.prediction.free}
-        about = predicted - predicted.mean(axis=(0, 1))
-        for of in lasting_mistakes(arm, jacobian, slopes, rows, about, np.linspace(-0.5, 0.5, n)):
-            if of.name != "link" or of.of[0] in free:
+        for of in lasting:
+            if of.name != "joint_zero" and (of.name != "link" or of.of[0] in free):
                 yield of

@@ -61,18 +61,20 @@ def test_the_next_step_is_the_cheapest_that_helps() -> None:
 @pytest.mark.parametrize("name", [each for each in PHRASES if each.startswith(("changed.", "situation."))])
 def test_every_change_and_every_cause_has_a_next_step_after_a_verification(name: str) -> None:
     anew = name.startswith(("situation.setup", "situation.tool"))
-    data = {"of": ("3", "q3"), "left_m": 1e-4, "factor": 2.0} | ({"refit": ("base", "tool")} if anew else {})
+    data = {"of": ("q3",), "number": 3, "left_m": 1e-4} | ({"refit": ("base", "tool")} if anew else {})
     one = Check(name, "failed", data=data)
-    whole = {"cause": None, "alike": (), "likeliest": None}
+    whole = {"cause": None, "alike": ()}
     whole |= {"cause": one} if name.startswith("situation.") else {"alike": (one,)}
     step = after_verification(Check("verification", "failed", data=whole), "bad")
     assert step.endswith(".") and "{" not in step and "Go on" not in step
-    assert ("joint 3" in step) is (name == "changed.joint") and ("--refit base,tool" in step) is anew
+    assert ("joint 3" in step) is (name == "changed.joint_step") and ("--refit base,tool" in step) is anew
 
 
 def test_after_a_verification_what_is_not_known_is_measured_or_calibrated_anew() -> None:
-    joint, base = (Check(f"changed.{name}", "passed", data={"of": ("2", "q2")}) for name in ("joint", "base"))
-    whole = {"cause": None, "alike": (joint, base), "likeliest": None}
+    joint, base = (
+        Check(f"changed.{name}_step", "passed", data={"of": ("q2",), "number": 2}) for name in ("joint", "base")
+    )
+    whole = {"cause": None, "alike": (joint, base)}
     assert "Measure more poses" in after_verification(Check("verification", "failed", data=whole), "bad")
     several = Check("verification", "failed", data=whole | {"alike": ()})
     assert after_verification(several, "bad").startswith("Calibrate anew")

@@ -57,7 +57,7 @@ def test_a_verification_block_by_block_is_that_of_all_rows(off: bool, monkeypatc
     for one, other in zip(parts.hypotheses, whole.hypotheses, strict=True):
         assert (one.chi2, one.bic) == pytest.approx((other.chi2, other.bic), rel=1e-9)
     if off:
-        assert any("pose 70" in phrase(each.check) for each in parts.hypotheses)
+        assert any("row 70" in phrase(each.check) for each in parts.hypotheses)
 
 
 @pytest.mark.thorough

@@ -15,11 +15,10 @@ from lab.phrases.phrase import phrase
 from lab.robots.load_robot import load_robot
 from lab.verification.change_test import Verified, verify
 from lab.verification.predicted_points import CalibrationPrediction
-from lab.verification.situation import another_unit
 
 SIGMA = 1e-5
 ROBOTS = ("irb120", "ur5", "panda")
-CASES = ("setup", "tool", "setup and tool", "another arm", "mirrored", "unit", "joint unit")
+CASES = ("setup", "tool", "setup and tool", "another arm", "points mirrored", "point unit", "joint unit")
 
 
 class Cell:
@@ -81,9 +80,9 @@ class Cell:
             points = self.points(joints, truth)
         elif case == "another arm":
             points = self.points(joints, self.another())
-        elif case == "mirrored":
+        elif case == "points mirrored":
             points = points[..., [1, 0, 2]]
-        elif case == "unit":
+        elif case == "point unit":
             points = points * self.rng.choice([1e-3, 1 / 25.4, 1e3])
         elif case == "joint unit":
             joints = joints * self.rng.choice([np.pi / 180, 180 / np.pi])
@@ -93,10 +92,10 @@ class Cell:
 def named(cell: Cell, case: str) -> str:
     """The kind of situation that is named, in the first sentence."""
     seen = cell.case(case)
-    found = another_unit(cell.prediction, seen) if case.endswith("unit") else verify(cell.prediction, seen).situation
+    found = verify(cell.prediction, seen).situation
     if found is None:
         return "nothing"
-    refit, kind = found.data.get("refit", ()), found.name.removeprefix("situation.").replace("_", " ")
+    refit, kind = found.data.get("refit", ()), found.name.partition(".")[2].replace("_", " ")
     assert refit == {"setup": ("base",), "tool": ("tool",), "setup and tool": ("base", "tool")}.get(case, ())
     if refit:
         again = verify(cell.prediction, seen, refit)
@@ -107,7 +106,7 @@ def named(cell: Cell, case: str) -> str:
 
 def test_each_situation_is_named() -> None:
     cell = Cell("irb120", 0)
-    for case in ("setup", "another arm", "unit"):
+    for case in ("setup", "another arm", "point unit"):
         assert named(cell, case) == case, case
 
 
