@@ -177,6 +177,8 @@ class Effects(_Effects):
         expansion_ppm_per_k: float = 0.0,
         thermal_zero_mrad_per_k: float = 0.0,
         cross_harmonic_mrad: float = 0.0,
+        range_constant_mm: float = 0.0,
+        range_scale_ppm: float = 0.0,
         own_effects: Sequence[str] = ...,
     ) -> None: ...
 

@@ -28,6 +28,7 @@ from lab.kinematics.effects.arm_with_effects import Arm
 from lab.kinematics.effects.backlash import approached_groups
 from lab.kinematics.effects.effect import CHANGING_WITH_TIME, ArmFacts, SessionInfo, Step
 from lab.kinematics.effects.effect_registry import expected_terms, searched_terms
+from lab.kinematics.effects.range_errors import CONSTANT
 from lab.kinematics.effects.steps import STEP_GROUPS
 from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.model import Model, RigidArm
@@ -35,6 +36,7 @@ from lab.noise.error_model import ErrorModel
 
 __all__ = ["MOST_CHOSEN_BY", "Fitter", "NominalRobot"]
 
+_CONTRADICTED = 3.0  # standard deviations between a stated range constant and that of the rows
 _CLEANINGS = 5  # of the poses and what they are validated on
 _BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
 _MOST_NAMED = 3  # effects that a model lacks, in a sentence: more are not looked for
@@ -101,6 +103,7 @@ class Fitter:
         kind: of observation, with its options.
         judged_by: further rows that the model must predict, with the groups that are left out there.
         steps: that were found in the rows.
+        frees_range: whether the range constant may be of any size, though the instrument's file states it.
     """
 
     robot: NominalRobot
@@ -112,6 +115,7 @@ class Fitter:
     seed: int
     judged_by: tuple[tuple[Measurements, tuple[str, ...]], ...] = ()
     steps: tuple[Step, ...] = ()
+    frees_range: bool = False
     _arms: dict[Hashable, Arm] = field(default_factory=dict, repr=False, compare=False)
     _last_fit: _LastResult = field(default_factory=_LastResult, repr=False, compare=False)
     _last_outliers: _LastResult = field(default_factory=_LastResult, repr=False, compare=False)
@@ -163,9 +167,35 @@ class Fitter:
         time_s = rows.conditions.get("time_s", np.zeros(1))
         given = time_s[np.isfinite(time_s)]
         started = float(given[0]) if len(given) else 0.0
-        stations = named_stations(rows, self.robot.stations) if self.kind.in_instrument_frame else ()
+        in_frame, device = self.kind.in_instrument_frame, self.noise.instrument
+        stations = named_stations(rows, self.robot.stations) if in_frame else ()
         sessions = tuple(dict.fromkeys(rows.sessions))
-        return SessionInfo(sessions, started, timed="time_s" in rows.conditions, stations=stations, steps=self.steps)
+        prior = device.range_prior if in_frame and device is not None else None
+        if prior is not None and self.frees_range:
+            prior = prior.freed
+        return SessionInfo(sessions, started, "time_s" in rows.conditions, stations, self.steps, prior)
+
+    def with_credible_range(self, rows: Measurements) -> "Fitter":
+        """Return the fitter with a free range constant where the rows contradict what the instrument's file states.
+
+        The constant c of the rows alone, of variance v, is told from the fit with a prior, of variance p, by adding
+        information. It contradicts the prior beyond three standard deviations of both, (v + p)^(1/2).
+        """
+        prior = self.session.range_prior
+        if prior is None or not prior.is_stated:
+            return self
+        with suppress(LabError):  # too few rows are refused where they are fitted
+            found = self.identified_with(rows, (), ())
+            at = found.model.names.index(CONSTANT)
+            if at not in found.fit.free:
+                return self
+            with_prior = float(found.covariance[found.fit.free.index(at), found.fit.free.index(at)])
+            information = max(1 / with_prior - 1 / prior.constant_m**2, 0.0)
+            constant = float(found.values[at]) / with_prior
+            excess = max(found.residual_sigma_m / found.sigma_m, 1.0)
+            if abs(constant) > _CONTRADICTED * np.hypot(excess * np.sqrt(information), information * prior.constant_m):
+                return self._of_other_models(frees_range=True)
+        return self
 
     def observed(self) -> Measurements:
         """Return the observed quantities of the measurements."""
@@ -273,7 +303,11 @@ class Fitter:
 
     def with_steps(self, steps: tuple[Step, ...]) -> "Fitter":
         """Return the fitter of an arm that moved between rows: each of its models has these steps."""
-        return replace(self, steps=steps, _arms={}, _last_fit=_LastResult(), _last_outliers=_LastResult())
+        return self._of_other_models(steps=steps)
+
+    def _of_other_models(self, **changes: Any) -> "Fitter":
+        """Return a changed fitter without the models and results of this one."""
+        return replace(self, _arms={}, _last_fit=_LastResult(), _last_outliers=_LastResult(), **changes)
 
     def knowing(self, shared: ErrorModel | None) -> "Fitter":
         """Return the fitter with the errors that its measurements share."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.core.se3 import Array
+from lab.kinematics.effects.range_errors import RANGE
 from lab.kinematics.gauge import BaseSet, base_set, structure_jacobian
 from lab.kinematics.model import Model
 
@@ -129,10 +130,11 @@ def column_scale(model: Model, values: Array) -> Array:
 
 
 def poses_needed(model: Model, values: Array, structure: BaseSet | None = None) -> int:
-    """Return the least number of generic poses that identify the whole base set."""
+    """Return the least number of generic poses that identify the base set, less range errors, which have a prior."""
     structure = structure or base_set(model, values)
-    jacobian = structure_jacobian(model, values, 5 * len(structure.identifiable))
-    return enough_poses(jacobian.reshape(len(jacobian), -1, len(model.names))[..., list(structure.identifiable)])
+    columns = [i for i in structure.identifiable if model.parameters[i].group != RANGE]
+    jacobian = structure_jacobian(model, values, 5 * len(columns))
+    return enough_poses(jacobian.reshape(len(jacobian), -1, len(model.names))[..., columns])
 
 
 def enough_poses(jacobian: Array, measured: Array | None = None) -> int:

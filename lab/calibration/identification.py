@@ -30,7 +30,14 @@ from lab.calibration.prior import (
     directions_of,
     prior_of,
 )
-from lab.calibration.weights import Noise, joined, root_mean_square_sigma, weigh, weighted_constraints
+from lab.calibration.weights import (
+    Noise,
+    constraint_rows,
+    joined,
+    root_mean_square_sigma,
+    weigh,
+    weighted_constraints,
+)
 from lab.core import se3
 from lab.core.checks import Check
 from lab.core.errors import LabError, option_name
@@ -213,9 +220,9 @@ def identify(
     # place base and tool by the nominal links
     aligned = fit_base_and_tool(observation, observed.alike, nominal)
     # find what is identifiable, by the structure of the arm and in these poses
-    constraint_rows = observation.extra_residuals(model.rank_point(aligned))[1]
-    structure = base_set(model, aligned, fix=options.fix, free=options.free, prior_rows=constraint_rows)
-    free = _identifiable(model, observed, aligned, structure, constraint_rows)
+    prior_rows = constraint_rows(observation, observed, model.rank_point(aligned))
+    structure = base_set(model, aligned, fix=options.fix, free=options.free, prior_rows=prior_rows)
+    free = _identifiable(model, observed, aligned, structure, prior_rows)
     _refuse_too_few_poses(model, data, aligned, structure, free, options)
     # fit the identifiable parameters, the others at nominal
     start = aligned.copy()
@@ -631,7 +638,8 @@ def _residual_sigma(
         by_prior: degrees of freedom of the parameters that a prior determines in the place of the measurements.
     """
     white = observed.apply(observed.points - observation.model.points(observed.inputs, solution.least_squares))
-    dof = len(white) + len(observation.extra_residuals(solution.values)[0]) - len(solution.free)
+    constraints = weighted_constraints(observation, observed)(solution.values)[0]
+    dof = len(white) + len(constraints) - len(solution.free)
     dof += int(by_prior)
     return dof, float(np.sqrt(white @ white / dof)) if dof > 0 else float("nan")
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import ExtraResiduals
 from lab.core.se3 import Array
+from lab.kinematics.effects.range_errors import RANGE
 from lab.kinematics.gauge import BaseSet
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import SIZE, TOLERANCE_M, TOLERANCE_RAD
@@ -208,12 +209,13 @@ def prior_of(
     """Return the prior of the base set that the tolerances of all parameters make.
 
     What has no nominal value (base, tool, fixtures) has no prior; an error of a link that goes into it alone is
-    uninformative.
+    uninformative. Range errors of the instrument have one of their own (``weights.weighted_constraints``).
 
     Args:
         links_alone: whether effects have none either; tests decide whether there are any.
     """
     sigma = standard_deviations(model, tolerance)
+    sigma[[each.group == RANGE for each in model.parameters]] = np.inf
     if links_alone:
         sigma[[not each.is_link for each in model.parameters]] = np.inf
     of = tuple(i for i in structure.identifiable if np.isfinite(sigma[i]))

@@ -12,12 +12,21 @@ from lab.core.errors import LabError, option_name
 from lab.core.linear_model import whitening
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
+from lab.kinematics.effects.range_errors import RANGE, range_prior_rows
 from lab.kinematics.model import Model
 from lab.noise.error_model import Clock, ErrorModel, row_times, within_session
 from lab.noise.error_term import UNCORRELATED, Components, ErrorShapes, correlation_of
 from lab.noise.instruments import Instrument, is_isotropic
 
-__all__ = ["Noise", "error_shapes", "joined", "root_mean_square_sigma", "weigh", "weighted_constraints"]
+__all__ = [
+    "Noise",
+    "constraint_rows",
+    "error_shapes",
+    "joined",
+    "root_mean_square_sigma",
+    "weigh",
+    "weighted_constraints",
+]
 
 
 @dataclass(frozen=True)
@@ -110,8 +119,21 @@ def root_mean_square_sigma(observed: Observations, positions: int, units: Array 
 
 
 def weighted_constraints(observation: Observation, observed: Observations) -> ExtraResiduals:
-    """Return the prior information of an observation, weighted as its measurements are."""
-    return partial(_weighted, observation, observed.typical_weight)
+    """Return the prior information of an observation, weighted as its measurements are, and of its range errors.
+
+    Range errors are of a named instrument, whose noise is known: their prior has its own weight.
+    """
+    beside: ExtraResiduals = partial(_weighted, observation, observed.typical_weight)
+    parameters = observation.model.parameters
+    if not any(each.group == RANGE for each in parameters):
+        return beside
+    return joined(beside, partial(range_prior_rows, parameters))
+
+
+def constraint_rows(observation: Observation, observed: Observations, values: Array) -> Array:
+    """Return the derivatives ``(r, p)`` of this prior information, in units of the positions (m)."""
+    rows: Array = weighted_constraints(observation, observed)(values)[1] / observed.typical_weight
+    return rows
 
 
 def _weighted(observation: Observation, weight: float, values: Array) -> tuple[Array, Array]:

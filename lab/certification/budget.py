@@ -38,6 +38,7 @@ __all__ = [
     "MEASURANDS",
     "Budget",
     "BudgetLine",
+    "FittedRange",
     "FrameMotion",
     "InputQuantity",
     "Measurand",
@@ -449,6 +450,21 @@ class RandomScatter:
 
 
 @dataclass(frozen=True)
+class FittedRange:
+    """Uncertainty of range errors that were fitted with the parameters.
+
+    Attributes:
+        stds: of the constant (m) and of the scale.
+        shifts: ``(f, 2)`` of the parameters by one sigma of the constant, and by what the scale adds.
+        source: where their uncertainty comes from.
+    """
+
+    stds: tuple[float, float]
+    shifts: Array
+    source: str
+
+
+@dataclass(frozen=True)
 class RandomErrors:
     """Random errors of the fitted measurements and of the robot.
 
@@ -459,6 +475,7 @@ class RandomErrors:
             estimated from, or in neither.
         repeatability: of the robot; None where it is unknown.
         scatter_counted: whether what that does to the measurements is in ``covariance``.
+        of_range: range errors that were fitted with the parameters, which ``covariance`` is without; None without.
         model: model discrepancy beside these; None where nothing was found.
         in_time: autocorrelated errors of positions over the poses, by the run's noise model; None likewise.
     """
@@ -470,6 +487,7 @@ class RandomErrors:
     scatter_counted: bool
     model: RandomScatter | None
     in_time: RandomScatter | None = None
+    of_range: FittedRange | None = None
 
     @property
     def all_given(self) -> bool:
@@ -499,7 +517,8 @@ def quantities_of(
 ) -> tuple[InputQuantity, ...]:
     """Return all input quantities but the robot's temperature."""
     placed = [] if chance.placement == "in the residuals" else list(_placements(propagation, errors, source))
-    systematic = [_systematic(propagation, errors, source, term) for term in errors.lasting]
+    lasting = (errors if chance.of_range is None else errors.without_range).lasting
+    systematic = [_systematic(propagation, errors, source, term) for term in lasting]
     quantities = [*systematic, *(quantity for quantity, _ in placed)]
     covariance = chance.covariance
     if chance.placement == "in the noise" and placed:  # it has a line of its own
@@ -508,6 +527,8 @@ def quantities_of(
     shifts, detail = covariance_root(covariance) / sigma.standard, "random errors of the measurements"
     fitted = "parameters", "identified parameters", chance.noise.source
     quantities.append(_fitted(propagation, shifts, *fitted, MICRONS, sigma, detail=detail))
+    if (ranges := chance.of_range) is not None:
+        quantities += _of_range(propagation, ranges)
     quantities += _of_repeatability(propagation, chance)
     anew = partial(_at_each_position, propagation)
     if (lack := chance.model) is not None:
@@ -523,6 +544,14 @@ def _at_each_position(
     """Return a random error of a position, in m, that is another one at each position."""
     one = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     return InputQuantity(group, name, scatter.source, MICRONS, scatter.uncertainty, one, anew=True, detail=detail)
+
+
+def _of_range(propagation: Propagation, ranges: FittedRange) -> Iterator[InputQuantity]:
+    """Return the constant and the scale of the range, which stand in full along the line of sight."""
+    lines = ("range constant", "zero of range and reflector, fitted", MICRONS), ("range scale", "fitted", PPM)
+    for std, shifts, (name, detail, unit) in zip(ranges.stds, ranges.shifts.T, lines, strict=True):
+        fitted = "misalignment", name, ranges.source, unit, Uncertain(std)
+        yield _fitted(propagation, shifts[:, None] / std, *fitted, detail=detail)
 
 
 def _of_repeatability(propagation: Propagation, chance: RandomErrors) -> Iterator[InputQuantity]:

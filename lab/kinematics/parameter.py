@@ -58,7 +58,7 @@ _EFFECT_SCALES: Final[Mapping[Kind, float]] = {  # large, so that a prior only b
     "ratio rate": 1e-3,
 }
 _OWNERS = (  # no links
-    *("base", "tool", "drift", "session", "station", "step", "payload"),
+    *("base", "tool", "drift", "session", "station", "step", "payload", "instrument"),
     *("anchor", "socket", "plane", "cable", "cube", "plate", "bar", "dial", "camera", "board"),
 )
 

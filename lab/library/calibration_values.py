@@ -13,11 +13,13 @@ from lab.calibration.statistics.model_selection import GroupTrial
 from lab.core.checks import Check
 from lab.core.units import MM, MRAD, PPM
 from lab.diagnosis.hypothesis import Finding
+from lab.diagnosis.range_constant import FittedRange
 from lab.formats.noise_model import noise_model_to_dict
 from lab.kinematics.effects.effect_registry import describe_term
 from lab.library.result import ErrorStatistics, number, sizes_mm
 from lab.noise.rigid_distances import CoordinateNoise
 from lab.phrases.diagnosis_phrases import HALF_95, deciding_measurement
+from lab.phrases.fit_phrases import range_text
 from lab.phrases.phrase import in_one_line, phrase, phrases
 from lab.prediction.estimate_files import measured_range_to_dict, residual_to_dict
 from lab.prediction.validation import TruthComparison
@@ -105,8 +107,22 @@ def _noise(result: "CalibrationResult") -> dict[str, Any]:
         "noise_model": noise_model_to_dict(state.noise.shared, state.noise.component_errors),
         "noise_findings": [_finding_to_dict(each) for each in state.findings],
         "instrument_noise": _optional(_instrument_to_dict, state.instrument),
+        "range_errors": _optional(_range_to_dict, state.range),
         **{f"residual_{unit.key}": number(unit.of(size)) for unit, size in residuals.items()},
         "remaining_error": _remaining_to_dict(state.remaining, state.gain),
+    }
+
+
+def _range_to_dict(found: FittedRange) -> dict[str, Any]:
+    return {
+        "constant_mm": MM.of(found.constant_m),
+        "std_mm": MM.of(found.std_m),
+        "interval_95_mm": [MM.of(found.constant_m + sign * found.half_width_95_m) for sign in (-1, 1)],
+        "prior_mm": None if found.prior_m is None else MM.of(found.prior_m),
+        "scale_std_ppm": PPM.of(found.scale_std),
+        "in_frame": found.in_frame,
+        "in_shape": found.in_shape,
+        "words": range_text(found),
     }
 
 

@@ -12,7 +12,15 @@ from lab.calibration.observation import observation_of
 from lab.calibration.row_groups import cv_groups_of, folds, hold_out, hold_out_last
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weigh
-from lab.certification.budget import FrameMotion, InputQuantity, Placement, Propagation, RandomErrors, RandomScatter
+from lab.certification.budget import (
+    FittedRange,
+    FrameMotion,
+    InputQuantity,
+    Placement,
+    Propagation,
+    RandomErrors,
+    RandomScatter,
+)
 from lab.certification.characteristics import Repeats
 from lab.certification.lack_of_fit import ValidationErrors
 from lab.core.errors import LabError
@@ -24,17 +32,18 @@ from lab.core.units import MM
 from lab.core.whole_folder import CHECKSUMS, file_digest
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.effect import HOUR_S
+from lab.kinematics.effects.range_errors import CONSTANT, SCALE
 from lab.library.load_run import MEASUREMENTS_FILE, CalibrationRun
 from lab.noise.error_model import row_times
 from lab.noise.instruments import Instrument
 from lab.options.measured_campaign import MeasuredCampaign
-from lab.prediction.estimate import EstimatedParameter
+from lab.prediction.estimate import Estimate, EstimatedParameter
 from lab.prediction.estimate_files import COVARIANCE_FILE, PARAMETERS_FILE, RESULT_FILE
 from lab.prediction.validation import shared_rows
 
 __all__ = [
     "FittedRows", "digests_of", "fitted_motions", "fitted_rows", "instrument_noise_m", "motions_found", "random_errors",
-    "validation_errors",
+    "validation_errors", "without_range",
 ]  # fmt: skip
 
 _NOWHERE = (
@@ -295,11 +304,11 @@ def _by_folds(
     A fold's points are predicted without it. With the leverage H of its values among all fitted ones, the error
     of prediction and the noise have the covariance (I - H)^-1 together, in units of the noise.
     """
-    rows = fitted.rows
-    arm = calibrated.estimate.arm
+    rows, estimate = fitted.rows, calibrated.estimate.as_measured
+    arm = estimate.arm
     labels = folds(cv_groups_of(arm, rows), calibrated.options.seed)
-    free = list(calibrated.estimate.free)
-    _, slopes = observation_of(arm).model.observe(rows.inputs(arm.conditions), calibrated.estimate.values)
+    free = list(estimate.free)
+    _, slopes = observation_of(arm).model.observe(rows.inputs(arm.conditions), estimate.values)
     columns = [rows.targets.index(name) for name in arm.targets]
     of_noise = [each for each in shown if each.shifts is None]
     sigma = float(np.sqrt(instrument_m**2 + sum(each.uncertainty.standard**2 for each in of_noise)))
@@ -312,7 +321,7 @@ def _fold_blocks(
     calibrated: CalibrationRun, sigma_m: float, slopes: Array, seen: NDArray[np.bool_], labels: NDArray[np.int_]
 ) -> Iterator[Array]:
     """Yield the blocks ``(points, 3, 3)`` of (I - H)^-1 of each fold."""
-    root = covariance_root(calibrated.estimate.free_covariance) / sigma_m
+    root = covariance_root(calibrated.estimate.as_measured.free_covariance) / sigma_m
     for fold in np.unique(labels):
         here = np.flatnonzero(labels == fold)[:_MOST_ROWS]
         picked = slopes[here][seen[here]]
@@ -335,6 +344,7 @@ def _placed_anew(calibrated: CalibrationRun, rows: Measurements, shared: Array) 
     return np.asarray((flat - placed @ np.linalg.lstsq(placed, flat, rcond=None)[0]).reshape(shared.shape))
 
 
+_RANGE_ERRORS = (CONSTANT, SCALE)
 _RP_OVER_SIGMA = float(np.sqrt(8 / np.pi) + 3 * np.sqrt(3 - 8 / np.pi))  # of the lengths of isotropic normal scatter
 _BY_NOISE_MODEL = "by the run's noise model"
 
@@ -367,14 +377,34 @@ def random_errors(
     left = float(np.sqrt(max(discrepancy**2 - known_m**2, 0.0)))
     autocorrelated_m = 0.0 if result.noise_model is None else MM.to_si(result.noise_model.wandering_mm)
     return RandomErrors(
-        larger * estimate.free_covariance,
+        larger * without_range(estimate),
         RandomScatter(fitted.sigma_m * float(np.sqrt(larger)), dof_or_inf, _noise_source(calibrated)),
         _placement(calibrated, fitted),
         repeatability,
         not estimate.noise_known or larger > 1 or estimate.shared is not None,
         RandomScatter(left, dof_or_inf, _model_source(calibrated, device)) if left else None,
         RandomScatter(autocorrelated_m, np.inf, _BY_NOISE_MODEL) if autocorrelated_m else None,
+        _of_range(estimate, larger),
     )
+
+
+def without_range(estimate: Estimate) -> Array:
+    """Return the covariance ``(f, f)`` of the identified parameters of the arm, less that by fitted range errors."""
+    shifts = estimate.shifts_by_range
+    return np.asarray(estimate.free_covariance - shifts @ shifts.T)
+
+
+def _of_range(estimate: Estimate, larger: float) -> FittedRange | None:
+    """Return the range errors of a run that fitted both; None for another.
+
+    Args:
+        larger: factor of the covariance.
+    """
+    shifts, grown = estimate.shifts_by_range, float(np.sqrt(larger))
+    if shifts.shape[1] != len(_RANGE_ERRORS):
+        return None
+    stds = [grown * (estimate.params[name].std or 0.0) for name in _RANGE_ERRORS]
+    return FittedRange((stds[0], stds[1]), grown * shifts, "fitted with the parameters")
 
 
 def instrument_noise_m(calibrated: CalibrationRun, fitted: FittedRows, device: Instrument | None) -> float:

@@ -53,6 +53,7 @@ from lab.library.certificate_inputs import (
     motions_found,
     random_errors,
     validation_errors,
+    without_range,
 )
 from lab.library.certificate_result import Certificate, RobotFound, Unseen, missing_text
 from lab.library.load_run import CalibrationRun, load_run
@@ -180,7 +181,7 @@ def _propagation(calibrated: CalibrationRun, fitted: FittedRows) -> Propagation:
         fitted.observed,
         calibrated.estimate.values,
         free,
-        calibrated.estimate.free_covariance if calibrated.prior_took_part else None,
+        without_range(calibrated.estimate) if calibrated.prior_took_part else None,
     )
 
 
@@ -189,12 +190,13 @@ def _found(calibrated: CalibrationRun, fitted: FittedRows) -> RobotFound:
 
     Accuracy is that of rows that were not fitted; where there are none, only the nominal model has one.
     """
-    arm, unfitted = calibrated.estimate.arm, fitted.unfitted(calibrated)
+    estimate, unfitted = calibrated.estimate.as_measured, fitted.unfitted(calibrated)
+    arm = estimate.arm
     rows = fitted.rows if unfitted is None else unfitted
     columns = [rows.targets.index(name) for name in arm.targets]
     measured, labels = rows.points[:, columns], _poses(rows)
     inputs = rows.inputs(arm.conditions)
-    after, before = (arm.points(inputs, values) for values in (calibrated.estimate.values, calibrated.estimate.nominal))
+    after, before = (arm.points(inputs, values) for values in (estimate.values, estimate.nominal))
     pairs = [distance_errors(measured, points, labels, rng_for(0, "split")) for points in (before, after)]
     of_fitted_rows = unfitted is None
     return RobotFound(
@@ -208,8 +210,9 @@ def _found(calibrated: CalibrationRun, fitted: FittedRows) -> RobotFound:
 
 def _repeated(calibrated: CalibrationRun, fitted: FittedRows) -> tuple[Repeats | None, tuple[str, ...]]:
     """The repeats of all rows, fitted or not, and which rows have any."""
+    estimate = calibrated.estimate.as_measured
     arm, errors, labels, places, where = (
-        calibrated.estimate.arm,
+        estimate.arm,
         list[Array](),
         list[NDArray[np.int_]](),
         list[Array](),
@@ -219,7 +222,7 @@ def _repeated(calibrated: CalibrationRun, fitted: FittedRows) -> tuple[Repeats |
     first = 0
     for name, rows in fitted.sets.items():
         inputs, poses = rows.inputs((*arm.conditions, PLACE)), _poses(rows)
-        points = arm.points(inputs[:, :-1], calibrated.estimate.values)
+        points = arm.points(inputs[:, :-1], estimate.values)
         measured = rows.points[:, [rows.targets.index(target) for target in targets]]
         errors.append(measured - points[:, [arm.targets.index(target) for target in targets]])
         labels.append(poses + first)

@@ -225,11 +225,12 @@ def _tested(
         residual_m = calibrated.estimate.residual_m
         noisy = noise_beyond(options.noise_mm, rows, residual_m, "the run's residuals")
         _refuse_unknown_targets(calibrated, rows, options)
-        observations, prediction = predict_measurements(calibrated.estimate, rows, noise, given=stated)
+        estimate = calibrated.estimate.as_measured
+        observations, prediction = predict_measurements(estimate, rows, noise, given=stated)
         gross = misread(prediction, rows)
         if options.accept:
             rows, gross = _read_as_accepted(rows, gross, options.accept)
-            observations, prediction = predict_measurements(calibrated.estimate, rows, noise, given=stated)
+            observations, prediction = predict_measurements(estimate, rows, noise, given=stated)
         more = _range_constant(noise.instrument, prediction, observations)
         verified = test(prediction, observations, options.refit, rows, _counted(stage, tested), gross, more)
     extrapolated = [rows.ids[i] for i in np.flatnonzero(calibrated.estimate.extrapolated(rows.joints))]

@@ -23,6 +23,7 @@ from lab.core.se3 import Array, exp
 from lab.core.units import KELVIN, MICRONS, MICRORADIANS, PPM, Unit
 from lab.core.values import Value
 from lab.extension_points import Part, PartKind, numbers
+from lab.kinematics.effects.effect import FREE_RANGE, RangePrior
 
 __all__ = [
     "AIR_INDEX_PER_K",
@@ -168,6 +169,12 @@ class TrackerErrors:
     def placement(self) -> tuple[SystematicError, ...]:
         """The nonzero terms with an error of its own in each pose."""
         return tuple(term for term in self.stated if term in PLACEMENT)
+
+    @property
+    def without_range(self) -> "TrackerErrors":
+        """The errors but for constant and scale of the range, which a fit has as parameters."""
+        none = Uncertain()
+        return replace(self, range_offset=none, centring_depth=none, range_scale=none)
 
     def times(self, factor: float) -> "TrackerErrors":
         """Return the errors with every uncertainty multiplied."""
@@ -367,6 +374,20 @@ class Instrument(Part, Value, kind=_KIND):
     def _about(self) -> str:
         return self.name
 
+    @property
+    def range_prior(self) -> RangePrior | None:
+        """Prior of the errors of the range that last through a campaign; None where no range is measured.
+
+        The constant is the zero of the range and the depth of the reflector's centre together, free where neither is
+        stated. The scale is the stated one; else what the noise grows by per metre, which contains it; else that of
+        the arm's size, from which the measurements do not tell it.
+        """
+        if self.kind != "spherical":
+            return None
+        constant_m = float(np.hypot(self.errors.range_offset.standard, self.errors.centring_depth.standard))
+        scale = self.errors.range_scale.standard or self.radial_per_m
+        return RangePrior(constant_m or FREE_RANGE.constant_m, scale or FREE_RANGE.scale)
+
     def sample(self, points: Array, rng: np.random.Generator, readings: int = 1) -> Array:
         """Draw readings of points, without ``errors``.
 
@@ -531,10 +552,10 @@ def _sight_axes(points: Array) -> Array:
 # One standard deviation is the stated maximum permissible error over k = 2. docs/reference/trackers.md has the noise of
 # each preset beside it, and the sources. They include the maker's own reflector, but no nest: 3 um is representative of
 # a magnetic one. The AT960's range is its interferometer's, whose zero its distance meter sets again where the beam was
-# broken. Representative, not of a data sheet, are also all orientations (the AT960's with a probe that it tracks in six
-# degrees of freedom; uniform-8um's as if from three points on a circle of 70 mm), the line cameras (which with these
-# angles read a point at 2.5 m to 57 um in depth, 11 um along the bar, 12 um up), the optical CMM, the draw-wire, the
-# ball in its socket and the touched plane.
+# broken. Representative, not of a data sheet, are also laser-tracker, which stands for any make, all orientations
+# (the AT960's with a probe that it tracks in six degrees of freedom; uniform-8um's as if from three points on a circle
+# of 70 mm), the line cameras (which with these angles read a point at 2.5 m to 57 um in depth, 11 um along the bar,
+# 12 um up), the optical CMM, the draw-wire, the ball in its socket and the touched plane.
 _MICRON = 1e-6
 # Fields of view. The trackers' ranges are the part that a robot cell uses, and their elevations, like the camera's
 # sight, are representative, not a data sheet's; the Vantage's vertical range is 130 degrees in all (a maker's
@@ -578,6 +599,16 @@ INSTRUMENTS = {
             0.4 * _MICRON,
             10 * _MICRON,
             2.5 * _MICRON,
+            _VANTAGE,
+            TrackerErrors(nest=_NEST),
+        ),
+        Instrument(
+            "laser-tracker",
+            "spherical",
+            10 * _MICRON,
+            0.5 * _MICRON,
+            10 * _MICRON,
+            3 * _MICRON,
             _VANTAGE,
             TrackerErrors(nest=_NEST),
         ),

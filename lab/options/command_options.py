@@ -124,8 +124,8 @@ class VerifyOptions:
     accept: Names = ()
     """Undo these mistakes of reading, which the diagnosis found: their names, e.g. joint_sign or joint_sign:q3."""
     instrument: str | None = None
-    """Whose noise these measurements have: uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm or
-    krypton-k600, with its head at the file's origin; by default what the run took it for.
+    """Whose noise these measurements have: uniform-8um, leica-at960, leica-at500, faro-vantage, laser-tracker,
+    optical-cmm or krypton-k600, with its head at the file's origin; by default what the run took it for.
     Or the TOML file of a tracker."""
     noise_mm: float | None = None
     """Their noise (1σ per axis) instead."""

@@ -35,8 +35,8 @@ class _MeasurementFile:
     seed: int = 0
     """Of the split into poses to fit and poses to validate on."""
     instrument: str | None = None
-    """Weigh points or poses by the noise of exact, uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm or
-    krypton-k600, with its head at the file's origin; or of the TOML file of a tracker."""
+    """Weigh points or poses by the noise of exact, uniform-8um, leica-at960, leica-at500, faro-vantage, laser-tracker,
+    optical-cmm or krypton-k600, with its head at the file's origin; or of the TOML file of a tracker."""
     noise_mm: float | None = None
     """Weigh the points by this noise (1σ per axis); without either it is estimated."""
     date: str | None = None

@@ -57,9 +57,9 @@ class _VirtualSession:
     targets: Names = ("p1",)
     """Measured points of the tool."""
     instrument: str = "uniform-8um"
-    """The instrument: exact, uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm, krypton-k600,
-    draw-wire, ball-in-socket, touch-probe or dial-indicator; or the TOML file of a tracker, with its systematic
-    errors."""
+    """The instrument: exact, uniform-8um, leica-at960, leica-at500, faro-vantage, laser-tracker, optical-cmm,
+    krypton-k600, draw-wire, ball-in-socket, touch-probe or dial-indicator; or the TOML file of a tracker, with its
+    systematic errors."""
     observe: SensorName = "points"
     """What is measured."""
     readings: int = 1
@@ -164,8 +164,8 @@ class DesignOptions:
     targets: Names = ("p1",)
     """Measured points of the tool."""
     instrument: str = "uniform-8um"
-    """The instrument, for its noise and view: uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm or
-    krypton-k600, or the TOML file of a tracker."""
+    """The instrument, for its noise and view: uniform-8um, leica-at960, leica-at500, faro-vantage, laser-tracker,
+    optical-cmm or krypton-k600, or the TOML file of a tracker."""
     candidates: int = 2000
     """Number of feasible poses to choose from."""
     starts: int = 4

@@ -5,13 +5,20 @@ from collections.abc import Mapping, Sequence
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.core.checks import Check
 from lab.core.errors import be, counted
-from lab.core.units import MM
+from lab.core.units import MICRONS, MM, PPM
+from lab.diagnosis.range_constant import FittedRange
 from lab.kinematics.effects.effect_registry import describe_term
 from lab.phrases.template import PRIOR, Phrase
 
-__all__ = ["PHRASES", "listed", "model_name", "standing"]
+__all__ = ["PHRASES", "UNKNOWN_HEAD", "listed", "model_name", "range_text", "standing"]
+
+UNKNOWN_HEAD = (
+    "If a tracker measured these points in its own frame, name it by --instrument (laser-tracker for one of any make): "
+    "its range constant is then fitted, which otherwise shifts the base along the line of sight."
+)
 
 _MOST_LISTED = 6  # groups of single joints in a sentence
+_HALF_95 = 1.96  # of an interval, in standard deviations
 
 
 def listed(groups: Sequence[str]) -> tuple[str, ...]:
@@ -32,6 +39,28 @@ def standing(group: GroupTrial) -> str:
     description = describe_term(group.name)
     chosen = (f"chosen: {description}" if description else "chosen") if group.chosen else ""
     return ", but ".join(part for part in (chosen, group.infeasibility_reason) if part)
+
+
+def range_text(found: FittedRange) -> str:
+    """Return the range errors of a fit as sentences."""
+    stated = "fitted" if found.prior_m is None else f"fitted, {MICRONS.text(found.prior_m, 2)} (1σ) stated"
+    return (
+        f"The range constant of the instrument is {MM.text(found.constant_m)} ± {MM.text(found.half_width_95_m, 2)} "
+        f"(95 %, {stated}). An error of it displaces the arm in the instrument's frame by {found.in_frame:.2f} of "
+        f"itself, along the line of sight, and relative to the base by {found.in_shape:.2f}. The scale of the range "
+        f"({PPM.of(found.scale_std):.2g} ppm, 1σ) is confounded with the arm's lengths, whose intervals include it."
+    )
+
+
+def _range_constant(check: Check) -> str:
+    data, (constant,), (std,) = check.data, check.data["sizes"], check.data["stds"]
+    in_frame, in_shape = (MM.text(abs(constant) * data[name], 2) for name in ("in_frame", "in_shape"))
+    return (
+        f"the range constant of the instrument is {MM.text(constant)} ± {MM.text(_HALF_95 * std, 2)} (95 %): every "
+        f"range is measured {'too long' if constant > 0 else 'too short'} by it. It is fitted; left out, it would "
+        f"displace the arm by {in_frame} in the instrument's frame and by {in_shape} relative to its base. Check the "
+        "radius of the reflector that the instrument is set to, and the zero of its range"
+    )
 
 
 def _retained_outliers(check: Check) -> str:
@@ -172,6 +201,7 @@ def _condition(check: Check) -> str:
 
 
 PHRASES: Mapping[str, Phrase] = {
+    "diagnosis.range_constant": _range_constant,
     "note": "{text}",
     "convergence.valley": _stalled,
     "convergence.failed": (

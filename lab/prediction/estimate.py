@@ -23,7 +23,9 @@ from lab.core.values import DeferredField, Value
 from lab.kinematics.array_arm import ArrayArm, with_leading_axes
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm_with_effects import Arm, affected
+from lab.kinematics.effects.effect import FREE_RANGE
 from lab.kinematics.effects.effect_registry import effect
+from lab.kinematics.effects.range_errors import CONSTANT, SCALE, range_errors
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
@@ -174,6 +176,7 @@ class Estimate(Value, ArmOnArrays):
         measured: the fitted joint positions, and what the model may lack beyond them; None where not known.
         prior_acts_in: in how many directions tolerances of manufacture took part in the fit; None where a run
             does not keep it.
+        by_instrument: whether the arm is as the fitted instrument measures it, with the errors of its range.
         checks: of the fit: its convergence, and parameters that these poses do not determine; none of a loaded run.
     """
 
@@ -197,6 +200,7 @@ class Estimate(Value, ArmOnArrays):
     measured: DeferredField[MeasuredRange | None] = DeferredField(None)  # noqa: RUF009
     load: CarriedLoad | None = None
     prior_acts_in: int | None = None
+    by_instrument: bool = False
     checks: tuple[Check, ...] = field(default=(), compare=False)
 
     def _about(self) -> str:
@@ -223,8 +227,14 @@ class Estimate(Value, ArmOnArrays):
     @cached_property
     def arm(self) -> Arm:
         """The arm with the effects that last, and with the offsets of its joints that no group explains."""
-        arm = affected(self.rigid, [effect(name, self.rigid.chain, self.loads) for name in self.effects])
+        lasting = [effect(name, self.rigid.chain, self.loads) for name in self.effects]
+        arm = affected(self.rigid, [*(range_errors(FREE_RANGE) if self.by_instrument else ()), *lasting])
         return arm if self.process is None else self.process.added_to(arm)
+
+    @cached_property
+    def as_measured(self) -> "Estimate":
+        """The estimate of the arm as the fitted instrument measures it; as it is where no range errors were fitted."""
+        return replace(self, by_instrument=True) if CONSTANT in self.identified else self
 
     def with_targets(self, targets: tuple[str, ...]) -> Arm:
         """Return the arm with other targets."""
@@ -304,6 +314,18 @@ class Estimate(Value, ArmOnArrays):
     def free_covariance(self) -> Array:
         """Covariance ``(g, g)`` of the identified parameters of the arm."""
         return np.asarray(self.covariance[np.ix_(self._lasting, self._lasting)])
+
+    @property
+    def shifts_by_range(self) -> Array:
+        """Shifts ``(g, 2)`` of the identified parameters of the arm by independent range errors of one sigma each.
+
+        The first is that of the constant, the second what the scale adds; none, ``(g, 0)``, where they were not fitted.
+        With C the covariance of both, and c that with the parameters, they are c L'^-1, where L L' = C.
+        """
+        of_range = [i for i, name in enumerate(self.identified) if name in (CONSTANT, SCALE)]
+        own = self.covariance[np.ix_(of_range, of_range)]
+        shared = self.covariance[np.ix_(self._lasting, of_range)]
+        return np.asarray(np.linalg.solve(np.linalg.cholesky(own), shared.T).T) if of_range else shared
 
     @property
     def geometry(self) -> tuple[RigidArm, Array]:

@@ -36,6 +36,8 @@ from lab.core.se3 import Array
 from lab.core.significance import EXTRAPOLATION
 from lab.kinematics.effects.effect import LEVER_M
 from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC
+from lab.kinematics.effects.range_errors import RANGE
+from lab.kinematics.effects.sessions import GROUP as STATIONS
 from lab.kinematics.model import Model
 from lab.prediction.residual_spread import ResidualSpread
 
@@ -336,7 +338,14 @@ _SLOPE_POSES = 20_000  # for slopes, where there are more
 _REGION_POSES = 2_000  # from which regions are left out, where there are more
 _LEAST_RANGE = 0.05  # rad or m: a joint that moved less has no edges to speak of
 _LEAST_SLOPES = 4
-_GEOMETRY = ("base", "tool", "link", *CAMPAIGN_SPECIFIC)  # all others are effects that vary with the joints
+_GEOMETRY = (
+    "base",
+    "tool",
+    "link",
+    STATIONS,
+    RANGE,
+    *CAMPAIGN_SPECIFIC,
+)  # all others are effects that vary with the joints
 _ROUNDING = 1e-9  # rad or m: a pose at the edge is not beyond it
 _TOLERANCE = 1e-8  # of the largest singular value of unit columns
 _MIN_SHARE = 1e-2  # of an edge's squares that the fit leaves: an edge that it follows determines no slope

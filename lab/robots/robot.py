@@ -21,6 +21,7 @@ from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm_with_effects import Arm, affected
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.effect_registry import effect
+from lab.kinematics.effects.range_errors import range_errors
 from lab.kinematics.effects.sessions import stations
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
@@ -178,7 +179,8 @@ class Robot(Value, ArmOnArrays):
             LabError: there is no such group, or no masses or sessions for it, or two are incompatible.
         """
         named = [effect(name, self.chain, self.loads, session, moving=moving) for name in groups]
-        return affected(self.arm(targets), [*stations(session.stations), *named])
+        of_instrument = *stations(session.stations), *range_errors(session.range_prior)
+        return affected(self.arm(targets), [*of_instrument, *named])
 
     def _compiled(self, targets: tuple[str, ...] | None) -> ArrayArm:
         """Build the nominal model, its base at the origin; all targets of the tool unless some are named."""

@@ -196,9 +196,9 @@ class TrueEffects:
 
     def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
         """Return points ``(m, k, 3)`` of the tracker's first frame in its frame at each pose."""
-        for part in self.parts:
-            if isinstance(part, MovesTracker):
-                points = self._array(part, "seen_after", points.shape, points, conditions)
+        seeing = sorted((part for part in self.parts if isinstance(part, MovesTracker)), key=lambda p: p.seeing_order)
+        for part in seeing:
+            points = self._array(part, "seen_after", points.shape, points, conditions)
         return points
 
     def shown(self, joints: Array) -> Array:

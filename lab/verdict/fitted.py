@@ -23,6 +23,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.progress import Progress, no_progress
 from lab.diagnosis.hypothesis import Finding
+from lab.diagnosis.range_constant import FittedRange, fitted_range
 from lab.kinematics.effects.arm_with_effects import ArmWithEffects
 from lab.kinematics.serial.serial_arm import SerialArm
 from lab.noise.error_model import row_times
@@ -197,6 +198,11 @@ class Fitted:
         independent_m = None if shared is None else shared.independent_m
         labels = configurations(self.rows.joints)
         return residual_spread(self.identification, labels, lack_of_fit=lacks, independent_m=independent_m)
+
+    @cached_property
+    def range(self) -> FittedRange | None:
+        """Range errors of the instrument; None where its head's position is unknown."""
+        return fitted_range(self.identification)
 
     @cached_property
     def remaining(self) -> RemainingError | None:

@@ -38,6 +38,7 @@ from lab.core.measurements import Measurements
 from lab.core.progress import Stage, no_progress, no_stage
 from lab.core.units import MM
 from lab.diagnosis.hypothesis import Finding
+from lab.diagnosis.range_constant import range_findings
 from lab.extension_points import own_errors
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC, describe_term
@@ -233,6 +234,7 @@ def start(
     if test is not None and not len(test):
         raise LabError("no row with use = test has a measured point; mark or measure some")
     _refuse_gaps_in_noise(rows, fitter.noise)
+    fitter = fitter.with_credible_range(rows)
     judged_by: list[tuple[Measurements, tuple[str, ...]]] = [] if test is None else [(data.only("test"), ())]
     if judging.other is not None:
         judged_by.append((judging.other, CAMPAIGN_SPECIFIC))
@@ -401,10 +403,12 @@ def _choose_intervals(state: Fitted) -> Fitted:
 
 
 def _check_fit(state: Fitted) -> Fitted:
-    """Check outliers, groups, prior, nominal values, weak parameters and joint positions.
+    """Check outliers, groups, prior, nominal values, weak parameters, joint positions and the instrument's range.
 
-    Needs: ``weighted``, ``outliers``, ``selection``. Adds: ``checks``.
+    Needs: ``weighted``, ``identification``, ``outliers``, ``selection``. Adds: ``checks``, ``diagnosis``.
     """
+    if not state.misread:
+        state = replace(state, diagnosis=(*state.diagnosis, *range_findings(state.identification)))
     return state.with_checks([check for test in FIT_CHECKS for check in test(state)])
 
 
@@ -532,18 +536,21 @@ def _by_other(state: Fitted, other: Measurements) -> tuple[Validation, list[Chec
 def _stations_of(other: Measurements, state: Fitted) -> SessionInfo:
     """Return the stations whose places a fit found, where the rows of another file are validated from these.
 
+    The instrument of that file has the range errors of the fitted one.
+
     Raises:
         LabError: a station of the file was not fitted, and no base is placed anew for it.
     """
     known, named = state.fitter.session.stations, set(other.stations)
+    of_instrument = SessionInfo(range_prior=state.fitter.session.range_prior)
     if "base" in state.judging.refit or (len(known) < 2 and len(named) < 2):
-        return SessionInfo()
+        return of_instrument
     if unplaced := sorted(named - set(known)):
         raise LabError(
             f"station '{unplaced[0]}' was not fitted, so its place is unknown; {option_name('refit')} base "
             f"places every station anew"
         )
-    return SessionInfo(stations=known)
+    return replace(of_instrument, stations=known)
 
 
 def _judge(state: Fitted) -> Fitted:

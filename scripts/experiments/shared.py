@@ -27,6 +27,7 @@ from lab.core.number_text import short
 from lab.options.option_types import Flag
 from lab.report.charts.chart import save_figure
 from lab.report.document import Block, Document, Paragraph, Row, Section, Table
+from lab.report.markdown import to_markdown
 from lab.report.style import FIGURE_STYLE, SERIES
 from lab.report.terminal import print_document, showing_progress
 
@@ -96,6 +97,8 @@ def run_script(name: str, arguments: Sequence[str] | None = None) -> None:
         raise SystemExit(2) from error
     if options.json:
         print(json.dumps(_finite(answer.values), allow_nan=False))  # JSON has no numbers that are not finite
+    elif getattr(options, "markdown", False):
+        print(to_markdown(answer.document))
     else:
         print_document(answer.document)
 

@@ -31,7 +31,7 @@ from lab.calibration.prior import prior_of
 from lab.calibration.row_groups import configurations, cv_groups_of, folds
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import ClusteredRows, ClusterTest, cluster_sums, clusters_first, jackknifed
-from lab.calibration.weights import Noise, joined, weigh, weighted_constraints
+from lab.calibration.weights import Noise, constraint_rows, joined, weigh, weighted_constraints
 from lab.core.errors import LabError, option_name
 from lab.core.linear_model import least_squares, p_value_of_squares, unit_columns
 from lab.core.measurements import Measurements
@@ -381,7 +381,7 @@ class FullModel:
         anywhere = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
         both = model.observe(np.concatenate([anywhere, observed.inputs]), at)[1]
         structure, measured = both[: len(anywhere)], both[len(anywhere) :]
-        constraint_rows = observation.extra_residuals(at)[1]
+        prior_rows = constraint_rows(observation, observed, at)
         # the parameters of each group
         fixed = named(model.names, option_name("fix"), task.options.of(model.names).fix)
         own = {name: task.parameters(name) for name in groups}
@@ -389,7 +389,7 @@ class FullModel:
         clusters, sigma = cv_groups_of(made, task.data), 1.0 if known else alone.sigma_m
         prior = weighted_constraints(observation, observed)
         if task.options.prior == "on":
-            base = base_set(model, at, prior_rows=constraint_rows)
+            base = base_set(model, at, prior_rows=prior_rows)
             prior = joined(prior, prior_of(model, base, start, task.options.tolerance).rows(sigma))
         elif task.options.prior == "auto" and alone.prior is not None:  # an automatic one is geometry's alone
             prior = joined(prior, alone.prior.rows(sigma, model.names))
@@ -401,8 +401,8 @@ class FullModel:
                 name: tuple(i for i, parameter in enumerate(model.names) if parameter in own[name] and i not in fixed)
                 for name in groups
             },
-            structure=_triangle([structure.reshape(-1, len(model.names)), constraint_rows]),
-            measured=_triangle([measured[observed.seen].reshape(-1, len(model.names)), constraint_rows]),
+            structure=_triangle([structure.reshape(-1, len(model.names)), prior_rows]),
+            measured=_triangle([measured[observed.seen].reshape(-1, len(model.names)), prior_rows]),
             folds=folds(clusters, seed),
             clusters=clusters,
             configurations=configurations(task.data.joints),

@@ -13,6 +13,7 @@ from lab.core import se3
 from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import Effect, Moves, structure_values
+from lab.kinematics.effects.range_errors import by_range_errors, with_range_errors
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import Parameter, names_of
 from lab.kinematics.serial.serial_arm import BentArm, SequentialBatch, SerialArm, Stacked, StackedArm, stacked
@@ -26,7 +27,7 @@ _FRAMES: Final = ("frame", "station")
 
 @dataclass(frozen=True)
 class ArmWithEffects:
-    """An arm with offsets of joints, displaced ends of links, and motions of the frame by its effects.
+    """An arm with offsets of joints, displaced ends of links, motions of the frame, and range errors by its effects.
 
     Every effect depends on the readings, and their offsets add up: the effect of one on another is of second order (20
     nm of 1 mrad). The parameters are the arm's, then each effect's.
@@ -86,7 +87,7 @@ class ArmWithEffects:
             points = points + moved["size"][0][:, None] * (points - values[:_PLACE])
         for what in self._moving_frames:
             points = _seen_from(points, moved[what][0])
-        return points
+        return with_range_errors(points, moved["range"][0]) if "range" in moved else points
 
     def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
         """Return the positions, and their derivatives ``(n, k, 3, parameters)``."""
@@ -114,6 +115,11 @@ class ArmWithEffects:
             jacobian = _seen_from(jacobian.swapaxes(2, 3), frame, shifted=False).swapaxes(2, 3)
             jacobian[..., first:] += _by_frame(points, frame) @ by_frame[:, None]
             points = _seen_from(points, frame)
+        if "range" in moved:
+            errors, by_errors = moved["range"]
+            jacobian, by_range = by_range_errors(points, errors, jacobian)
+            jacobian[..., first:] += by_range @ by_errors[:, None]
+            points = with_range_errors(points, errors)
         return points, jacobian
 
     def tool(self, inputs: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
@@ -128,6 +134,8 @@ class ArmWithEffects:
             Ts[:, :3, 3] += moved["size"][0] * (Ts[:, :3, 3] - values[:_PLACE])
         for frame in (moved[what][0] for what in self._moving_frames):
             Ts = se3.pose(se3.exp(frame[:, 3:6]) @ Ts[:, :3, :3], _seen_from(Ts[:, None, :3, 3], frame)[:, 0])
+        if "range" in moved:
+            Ts = se3.pose(Ts[:, :3, :3], with_range_errors(Ts[:, None, :3, 3], moved["range"][0])[:, 0])
         return Ts, jacobian
 
     def standing(self, inputs: Array, values: Array) -> Array:
@@ -220,7 +228,8 @@ class ArmWithEffects:
     def _moved_sizes(self) -> "dict[Moves, int]":
         """How many numbers each kind of motion has, of the kinds that there are."""
         size = self.arm.chain.size
-        sizes: dict[Moves, int] = {"joints": size, "frame": 7, "links": 6 * len(self.links), "size": 1, "station": 7}
+        links = 6 * len(self.links)
+        sizes: dict[Moves, int] = {"joints": size, "frame": 7, "links": links, "size": 1, "station": 7, "range": 2}
         needed = {"joints", *(effect.moves for effect in self.effects)}
         return {moves: count for moves, count in sizes.items() if moves in needed}
 

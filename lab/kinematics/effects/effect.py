@@ -7,7 +7,7 @@ joints.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -26,6 +26,7 @@ __all__ = [
     "AXES",
     "BUMPED",
     "CHANGING_WITH_TIME",
+    "FREE_RANGE",
     "HOUR_S",
     "LEVER_M",
     "NO_SESSIONS",
@@ -48,6 +49,7 @@ __all__ = [
     "PlainOffsets",
     "PlainTerms",
     "PoseConditions",
+    "RangePrior",
     "ScattersJoints",
     "SessionInfo",
     "ShapesNoise",
@@ -179,7 +181,7 @@ class PoseConditions:
 Offsets = Callable[[Array, Array, Array], tuple[Array, Array]]
 PlainTerms = Callable[[Array], Sequence[Mapping[str, Any]]]
 PlainOffsets = Callable[[list[float], list[float], list[float]], Sequence[float]]
-Moves = Literal["joints", "frame", "links", "size", "station"]
+Moves = Literal["joints", "frame", "links", "size", "station", "range"]
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 LEVER_M = 0.3  # a slide's effects are those of a hinge at this distance: rad times this, Nm/rad over its square
 
@@ -200,6 +202,34 @@ class Step:
 
 
 @dataclass(frozen=True)
+class RangePrior:
+    """Standard deviations of a tracker's range errors, whose best estimate is zero.
+
+    Attributes:
+        constant_m: of the constant.
+        scale: of the scale, relative.
+    """
+
+    constant_m: float
+    scale: float
+
+    @property
+    def is_stated(self) -> bool:
+        """Check whether the instrument's file states the constant."""
+        return self.constant_m < FREE_RANGE.constant_m
+
+    @property
+    def freed(self) -> Self:
+        """The prior with a constant of any size."""
+        return replace(self, constant_m=FREE_RANGE.constant_m)
+
+
+FREE_RANGE = RangePrior(1e-2, 8.5e-4)
+"""Of an instrument that states nothing: radii of reflectors differ by as much as its constant, and the two long links
+of 19 UR arms by as much as its scale, by their factory calibrations (1 sigma)."""
+
+
+@dataclass(frozen=True)
 class SessionInfo:
     """Session metadata of a campaign.
 
@@ -209,6 +239,7 @@ class SessionInfo:
         timed: True if it had a clock.
         stations: of its instrument, the first one defining the frame.
         steps: that were found in its rows.
+        range_prior: of the range errors of an instrument whose head is the frame's origin; None where it is unknown.
     """
 
     sessions: tuple[str, ...] = ()
@@ -216,6 +247,7 @@ class SessionInfo:
     timed: bool = True
     stations: tuple[str, ...] = ()
     steps: tuple[Step, ...] = ()
+    range_prior: RangePrior | None = None
 
 
 NO_SESSIONS = SessionInfo()
@@ -273,9 +305,11 @@ class Effect:
             joints ``(n, joints)`` (rad, m of a slide), and derivatives ``(n, joints, p)``. An effect on the frame has
             seven numbers instead: measured points p are shifted v, turned r and stretched s: (1 + s) exp(r) (p + v); so
             has ``station``, after the frame's motion. One on links has six for each of ``links``: the torsor of its far
-            end (``serial.walk.Torsors``). One on the size has one: the relative growth of all lengths.
+            end (``serial.walk.Torsors``). One on the size has one: the relative growth of all lengths. One on the range
+            has two, after all others: constant and scale of the instrument's range (``range_errors``).
         conditions: required columns of ``Measurements.conditions``.
-        moves: the joints, the frame of the measured points, the links' far ends, the arm's size, or the instrument.
+        moves: the joints, the frame of the measured points, the links' far ends, the arm's size, the instrument, or
+            its range.
         typical: values for decisions on rank, if zeros would hide a parameter.
         links: links with displaced far ends, from 0.
         terms: of the lab's own, from parameters ``(p,)`` to terms of ``formats.plain_arm``, for ``calibrated.py``.
@@ -428,7 +462,9 @@ class MovesArm(ABC):
 
 
 class MovesTracker(ABC):
-    """An effect that moves the tracker."""
+    """An effect that moves the tracker, or changes what it measures."""
+
+    seeing_order: ClassVar[int] = 0  # lower ones come first: what the head measures is after all motions
 
     @abstractmethod
     def seen_after(self, points: Array, conditions: PoseConditions) -> Array:

@@ -33,6 +33,7 @@ from lab.kinematics.effects.effect import (
 )
 from lab.kinematics.effects.harmonics import CrossHarmonics, Harmonics, Ripple
 from lab.kinematics.effects.own import fitted_own, own_function
+from lab.kinematics.effects.range_errors import RangeErrors
 from lab.kinematics.effects.readings import BadReadings, EncoderRounding, InstrumentNoise, Repeatability
 from lab.kinematics.effects.sessions import Bump, Duration, Payloads
 from lab.kinematics.effects.steps import Steps
@@ -85,6 +86,7 @@ EFFECTS: tuple[type[VirtualEffect], ...] = (
     ZerosByTemperature,
     CrossHarmonics,
     Steps,
+    RangeErrors,
 )  # in the order of options, groups and random substreams: a new one goes to the end, so that the draws of others stay
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from lab.calibration.estimator import LEAST_SQUARES
 from lab.calibration.identifiability import Direction
-from lab.calibration.observation import observation_of
+from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.prior import ActingPrior
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.core.checks import Check
@@ -19,7 +19,7 @@ from lab.core.units import MICRONS, MM, MRAD
 from lab.kinematics.parameter import Parameter
 from lab.library.calibration_result import CalibrationResult
 from lab.library.result import ErrorStatistics
-from lab.phrases.fit_phrases import model_name, standing
+from lab.phrases.fit_phrases import UNKNOWN_HEAD, model_name, range_text, standing
 from lab.phrases.phrase import in_one_line, phrase, phrases, reason_texts
 from lab.phrases.verdict_phrases import gate_text, next_step, region_text, without_figures
 from lab.prediction.estimate import EstimatedParameter
@@ -281,6 +281,8 @@ def _uncertainty(result: CalibrationResult) -> tuple[doc.Block, ...]:
     return (
         doc.Paragraph(f"Model: {model_name(groups)}. {sentence(without_figures(result.state.adequacy))}"),
         doc.Paragraph(_noise(result)),
+        doc.Paragraph("" if result.state.range is None else range_text(result.state.range)),
+        doc.Paragraph(UNKNOWN_HEAD if _lacks_head(result) else "", "note", shown_in=doc.PAGE),
         doc.Paragraph("" if result.state.remaining is None else result.state.remaining.description, shown_in=doc.PAGE),
         doc.Paragraph("" if result.state.gain is None else result.state.gain.description, shown_in=doc.PAGE),
         doc.Paragraph(_truth(result)),
@@ -315,6 +317,12 @@ def _noise(result: CalibrationResult) -> str:
             f"(RMS {region_text(region)})."
         )
     return text
+
+
+def _lacks_head(result: CalibrationResult) -> bool:
+    """Decide whether positions were measured by an instrument of which nothing is known, not even where it was."""
+    positions = only_positions(observation_of(result.identification.model))
+    return positions and result.kind.in_instrument_frame and result.truth is None and result.options.instrument is None
 
 
 def _truth(result: CalibrationResult) -> str:

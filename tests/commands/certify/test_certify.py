@@ -32,6 +32,7 @@ radial_um = 5
 transverse_um = 5
 [systematic]
 transit_tilt_urad = { standard = 4, freedom = 12 }
+range_offset_um = { standard = 1 }
 range_scale_ppm = { limit = 2 }
 centring_lateral_um = { limit = 3 }
 nest_um = { standard = 3 }
@@ -74,7 +75,7 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("workplace")
     (folder / "tracker.toml").write_text(TRACKER)
     (folder / "details.toml").write_text(DETAILS)
-    day = lab.simulate("irb120", poses=30, seed=7, targets=("p1", "p2"), instrument=str(folder / "tracker.toml"))
+    day = lab.simulate("irb120", poses=30, seed=1, targets=("p1", "p2"), instrument=str(folder / "tracker.toml"))
     write_measurements(folder / "once.csv", day.measurements, (False,) * 6)
     exact = lab.simulate("irb120", poses=15, seed=7, targets=("p1",), instrument="exact")
     write_measurements(folder / "repeated.csv", visited(exact.measurements, 4), (False,) * 6)
