@@ -22,6 +22,7 @@ from lab.diagnosis.continuous import Space, Steps, lasting_mistakes, steps_of
 from lab.diagnosis.hypothesis import Finding, Hypothesis
 from lab.diagnosis.marginal import MarginalFit, Problem, compressed, estimated, rotated
 from lab.diagnosis.scores import score, scores_of_steps
+from lab.kinematics.effects.range_errors import SCALE
 from lab.noise.error_model import row_times
 
 __all__ = ["Fine", "fine_mistakes"]
@@ -319,12 +320,14 @@ def _random_columns(
 ) -> tuple[list[Array], NDArray[np.int_]]:
     """Return the columns of parameters and effects, in their typical sizes, and the kind of each.
 
-    What is placed has no prior (kind -1), links have their tolerances (0), effects the size of the residuals.
+    What is placed has no prior (kind -1), links have their tolerances (0), effects the size of the residuals. The scale
+    of an instrument's range is what a wrong scale is tested against: it has no column.
     """
     is_link = np.array([each.is_link for each in found.model.parameters])
+    is_placed = np.array([not each.is_link and each.name != SCALE for each in found.model.parameters])
     scales = np.array([each.scale for each in found.model.parameters])
-    parts = [jacobian[..., ~is_link], jacobian[..., is_link] * scales[is_link]]
-    kinds = [-1] * int((~is_link).sum()) + [0] * int(is_link.sum())
+    parts = [jacobian[..., is_placed], jacobian[..., is_link] * scales[is_link]]
+    kinds = [-1] * int(is_placed.sum()) + [0] * int(is_link.sum())
     for kind, columns in enumerate(effects, start=1):
         numbers = columns[..., 0].size
         size = np.sqrt(np.nansum(columns**2) / numbers)

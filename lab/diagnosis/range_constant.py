@@ -15,6 +15,7 @@ __all__ = ["FittedRange", "fitted_range", "range_findings"]
 
 _POSES = 200  # at which displacements are compared
 _LEAST_M, _LEAST_SIGMAS = 1e-4, 3.0  # a constant beyond both is a finding
+_LACKING_SIGMAS = 5.0  # beside a model that lacks effects, which look like a constant in part
 
 
 @dataclass(frozen=True)
@@ -80,13 +81,16 @@ def _moved_by_constant(found: Identification, names: list[str]) -> tuple[float, 
     return float(frame), float(shape)
 
 
-def range_findings(identification: Identification) -> list[Finding]:
+def range_findings(identification: Identification, *, adequate: bool = True) -> list[Finding]:
     """Return the range constant as a finding, where it is beyond 0.1 mm and three standard deviations; else nothing.
 
     It is in the fit already: the finding says so, with what the fit would miss without it.
+
+    Args:
+        adequate: whether no lack of fit was found; beside one a constant is a finding beyond five standard deviations.
     """
-    found = fitted_range(identification)
-    if found is None or abs(found.constant_m) <= max(_LEAST_M, _LEAST_SIGMAS * found.std_m):
+    found, sigmas = fitted_range(identification), _LEAST_SIGMAS if adequate else _LACKING_SIGMAS
+    if found is None or abs(found.constant_m) <= max(_LEAST_M, sigmas * found.std_m):
         return []
     evidence = (found.constant_m / found.std_m) ** 2
     points = int(np.isfinite(identification.residuals).all(axis=-1).sum())

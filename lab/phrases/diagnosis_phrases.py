@@ -194,6 +194,16 @@ def _scale(check: Check) -> str:
     return f"the points are {_size(check)} too {_ratio(check, 'large', 'small')} for this arm"
 
 
+def _range_constant(check: Check) -> str:
+    too = f"the instrument measures every range {_size(check)} too {_ratio(check, 'long', 'short')}"
+    cause = f"{too}, by the radius of the reflector or the zero of its range"
+    if "in_frame" not in check.data:
+        return cause
+    constant = abs(check.data["sizes"][0])
+    frame, shape = (short_length(constant * check.data[name]) for name in ("in_frame", "in_shape"))
+    return f"{cause}. Left out, it would displace the arm by {frame} in its frame, and by {shape} relative to the base"
+
+
 def _growth(check: Check) -> str:
     return f"the arm {_ratio(check, 'grows', 'shrinks')} by {_size(check)} over the campaign, or the scale changes"
 
@@ -208,6 +218,7 @@ _CONTINUOUS: Mapping[str, Callable[[Check], str]] = {
     "joint_lag": lambda check: f"joint {check.data['of'][0]} lags by {_size(check)} of each move",
     "link": lambda check: f"{check.data['of'][0]} is off from its nominal value by {_size(check)}",
     "scale": _scale,
+    "range_constant": _range_constant,
     "shear": lambda check: f"the measured space is sheared by {_size(check)}",
     "drift": lambda check: f"the base or the instrument drifts by {_size(check)} over the campaign",
     "growth": _growth,

@@ -18,7 +18,6 @@ UNKNOWN_HEAD = (
 )
 
 _MOST_LISTED = 6  # groups of single joints in a sentence
-_HALF_95 = 1.96  # of an interval, in standard deviations
 
 
 def listed(groups: Sequence[str]) -> tuple[str, ...]:
@@ -49,17 +48,6 @@ def range_text(found: FittedRange) -> str:
         f"(95 %, {stated}). An error of it displaces the arm in the instrument's frame by {found.in_frame:.2f} of "
         f"itself, along the line of sight, and relative to the base by {found.in_shape:.2f}. The scale of the range "
         f"({PPM.of(found.scale_std):.2g} ppm, 1σ) is confounded with the arm's lengths, whose intervals include it."
-    )
-
-
-def _range_constant(check: Check) -> str:
-    data, (constant,), (std,) = check.data, check.data["sizes"], check.data["stds"]
-    in_frame, in_shape = (MM.text(abs(constant) * data[name], 2) for name in ("in_frame", "in_shape"))
-    return (
-        f"the range constant of the instrument is {MM.text(constant)} ± {MM.text(_HALF_95 * std, 2)} (95 %): every "
-        f"range is measured {'too long' if constant > 0 else 'too short'} by it. It is fitted; left out, it would "
-        f"displace the arm by {in_frame} in the instrument's frame and by {in_shape} relative to its base. Check the "
-        "radius of the reflector that the instrument is set to, and the zero of its range"
     )
 
 
@@ -201,7 +189,6 @@ def _condition(check: Check) -> str:
 
 
 PHRASES: Mapping[str, Phrase] = {
-    "diagnosis.range_constant": _range_constant,
     "note": "{text}",
     "convergence.valley": _stalled,
     "convergence.failed": (

@@ -405,10 +405,11 @@ def _choose_intervals(state: Fitted) -> Fitted:
 def _check_fit(state: Fitted) -> Fitted:
     """Check outliers, groups, prior, nominal values, weak parameters, joint positions and the instrument's range.
 
-    Needs: ``weighted``, ``identification``, ``outliers``, ``selection``. Adds: ``checks``, ``diagnosis``.
+    Needs: ``weighted``, ``identification``, ``adequacy``, ``outliers``, ``selection``. Adds: ``checks``, ``diagnosis``.
     """
     if not state.misread:
-        state = replace(state, diagnosis=(*state.diagnosis, *range_findings(state.identification)))
+        ranges = range_findings(state.identification, adequate=state.adequacy.outcome != "failed")
+        state = replace(state, diagnosis=(*state.diagnosis, *ranges))
     return state.with_checks([check for test in FIT_CHECKS for check in test(state)])
 
 
