@@ -200,7 +200,7 @@ def standard_deviations(model: Model, tolerance: Tolerance) -> Array:
     shares = {True: tolerance.angle_rad / TOLERANCE_RAD, False: tolerance.length_m / TOLERANCE_M}
     sizes = [np.inf if each.group == SIZE else each.scale for each in model.parameters]
     factors = [shares[each.is_angle] if each.is_link else 1.0 for each in model.parameters]
-    return np.array(sizes) * np.array(factors)
+    return np.asarray(np.array(sizes) * np.array(factors))
 
 
 def prior_of(
