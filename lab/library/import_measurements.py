@@ -284,9 +284,9 @@ def _doubts(options: ImportOptions, robot: Robot, data: Measurements, nominal: N
     far = nominal.distances(data.joints[pose], target, data.points[pose, target]) > nominal.tolerance_m
     if not far.any():
         return ()
+    mistake = nominal.mistake(data.joints[pose], target, data.points[pose, target])
+    named = mistake or f"check --robot{_by_default(options)} and the rows before lab identify"
     return (
         f"{far.sum()} of {counted(len(pose), 'point')} do not follow the nominal arm: {data.ids[pose[far.argmax()]]}, "
-        f"the first, is over {MM.text(nominal.tolerance_m, 2)} from it. Rows may belong to other poses, or the joints "
-        f"be in another unit, order or direction, or the robot another one than {robot.name}"
-        f"{_by_default(options)}; check before lab identify",
+        f"the first, is over {MM.text(nominal.tolerance_m, 2)} from it; {named}",
     )

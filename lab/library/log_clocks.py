@@ -20,7 +20,9 @@ from lab.core.errors import LabError, be, counted
 from lab.core.limits import CLOCK_DRIFT_PPM
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.phrases.phrase import phrase
 from lab.robots.robot import Robot
+from lab.verdict.diagnosed import misread_points
 
 __all__ = ["LEAST_POSES", "ClockComparison", "ClockOffset", "NominalFit", "PlacedPoints"]
 
@@ -36,6 +38,7 @@ class NominalFit:
 
     def __init__(self, robot: Robot, targets: tuple[str, ...], points: Array) -> None:
         """Take the robot, its targets, and all points ``(n, 3)`` (m), whose spread sets the tolerance."""
+        self._robot, self._targets = robot, targets
         self._arm, self._count = robot.arm(targets), len(targets)
         self._nominal = self._arm.nominal({target: np.zeros(3) for target in targets})
         from_middle = np.linalg.norm(points - np.median(points, axis=0), axis=1)
@@ -44,6 +47,16 @@ class NominalFit:
     def usable(self, joints: Array) -> bool:
         """Return whether joint positions ``(n, joints)`` are enough distinct poses to contradict wrong points."""
         return len(np.unique(np.round(joints / _DISTINCT), axis=0)) >= LEAST_POSES
+
+    def mistake(self, joints: Array, targets: NDArray[np.int_], points: Array) -> str:
+        """Return the mistake of reading that explains why points do not follow the arm; empty where none does.
+
+        The arguments are those of ``predicted``.
+        """
+        seen = np.full((len(joints), self._count, 3), np.nan)
+        seen[np.arange(len(joints)), targets] = points
+        data = measured(self._robot.chain.joint_names, joints, self._targets, seen)
+        return "; ".join(phrase(each.check) for each in misread_points(self._robot, data)[:1])
 
     def flanges(self, joints: Array) -> Array:
         """Return positions ``(n, 3)`` of the nominal flange in the base, m; NaN where the arm's loops do not close."""
@@ -327,6 +340,12 @@ class ClockComparison:
         best = max(found, key=lambda each: (each.follows.sum() if by_arm else 0, each.placed))
         return best, [each for each in found if _is_rival(each, best, by_arm=by_arm)]
 
+    def _mistake(self, best: PlacedPoints) -> str:
+        """Return the mistake of reading that explains why the points do not follow the arm; empty where none does."""
+        rows, targets = self._in_turn(best.where)
+        assert self.nominal is not None
+        return self.nominal.mistake(self.joints[best.where[rows]], targets, self.points[rows])
+
     def judge_by_arm(self, here: PlacedPoints, found: Sequence[PlacedPoints], *, given: bool) -> None:
         """Judge an offset by the nominal arm."""
         best, rivals = self.best_of(found)
@@ -335,8 +354,7 @@ class ClockComparison:
         if follow < max(_FOLLOW * best.placed, 1):
             raise LabError(
                 f"no offset of the clocks lets the points follow the nominal arm (at {best.offset.flags} {follow} of "
-                f"{best.placed} placed ones do); check --robot, and the joints' unit, order and direction, or "
-                "whether the two files are of one session"
+                f"{best.placed} placed ones do): {self._mistake(best) or 'are the two files of one session?'}"
             )
         lost = follow - int(here.follows.sum())
         differs = bool(here.conflicts(best).any()) and not (given and here in rivals)

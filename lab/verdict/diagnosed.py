@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from lab.calibration.fitter import NominalRobot
 from lab.calibration.identification import Identification
 from lab.calibration.observation import observation_of
 from lab.calibration.sensor import ArmSensor
@@ -23,7 +24,7 @@ from lab.robots.load_robot import load_robot
 from lab.robots.robot_files import own_models
 from lab.verdict.fitted import Fitted
 
-__all__ = ["accepted_of", "checks_of", "diagnosed", "gross_of", "rms_m", "undone", "with_fitted"]
+__all__ = ["accepted_of", "checks_of", "diagnosed", "gross_of", "misread_points", "rms_m", "undone", "with_fitted"]
 
 _MISTAKES = ("gear", "coupling", "drift", "growth")  # effects that are hypotheses of mistakes, too
 _GROUP_OF = {"drift": "drift", "joint_coupling": "coupling"}  # that fits a mistake
@@ -46,6 +47,13 @@ def gross_of(state: Fitted) -> Gross | None:
     arm = fitter.robot.arm(fitter.targets)
     nominal = arm.nominal({target: np.zeros(3) for target in fitter.targets})
     return gross_mistakes(kind, arm, data, nominal, _others(arm, fitter.targets), fitter.seed)
+
+
+def misread_points(robot: NominalRobot, data: Measurements, seed: int = 0) -> tuple[Finding, ...]:
+    """Return the gross mistakes of measured points, by a robot's nominal arm."""
+    arm = robot.arm(data.targets)
+    nominal = arm.nominal({target: np.zeros(3) for target in data.targets})
+    return gross_mistakes(None, arm, data, nominal, _others(arm, data.targets), seed).findings
 
 
 def _others(arm: RigidArm, targets: Sequence[str]) -> Iterator[tuple[str, Callable[[], RigidArm]]]:
