@@ -22,8 +22,10 @@ from lab.library.result import Result, number
 from lab.library.run_folder import joint_columns
 from lab.options.call_options import options_of, takes
 from lab.options.command_options import ImportOptions
+from lab.phrases.phrase import phrase
 from lab.robots.load_robot import load_robot, robot_of_call
 from lab.robots.robot import Robot
+from lab.verdict.diagnosed import misread_points
 
 __all__ = ["ImportResult", "import_measurements"]
 
@@ -256,8 +258,7 @@ def _doubts(options: ImportOptions, robot: Robot, data: Measurements, nominal: N
     """Compare the points with the nominal arm.
 
     The distance of two points of one target hardly depends on where base and tool are: a wrong unit of lengths scales
-    all of them. Points of other poses, or joints in another unit or with another sign, are far from the nominal arm
-    wherever base and tool are.
+    all of them. Where points are far from the nominal arm wherever base and tool are, the diagnosis names the mistake.
     """
     shown = data[:_SHOWN]
     flange = nominal.flanges(shown.joints)
@@ -284,8 +285,8 @@ def _doubts(options: ImportOptions, robot: Robot, data: Measurements, nominal: N
     far = nominal.distances(data.joints[pose], target, data.points[pose, target]) > nominal.tolerance_m
     if not far.any():
         return ()
-    mistake = nominal.mistake(data.joints[pose], target, data.points[pose, target])
-    named = mistake or f"check --robot{_by_default(options)} and the rows before lab identify"
+    mistakes = [phrase(each.check) for each in misread_points(robot, data)]
+    named = "; ".join(mistakes) or f"check --robot{_by_default(options)} and the rows before lab identify"
     return (
         f"{far.sum()} of {counted(len(pose), 'point')} do not follow the nominal arm: {data.ids[pose[far.argmax()]]}, "
         f"the first, is over {MM.text(nominal.tolerance_m, 2)} from it; {named}",

@@ -18,6 +18,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.guess import columns_of, initial_guess
 from lab.core.errors import LabError, be, counted
 from lab.core.limits import CLOCK_DRIFT_PPM
+from lab.core.measurements import measured
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.phrases.phrase import phrase

@@ -1,5 +1,6 @@
 """Propose the pose to measure next, once or as a measurement file grows."""
 
+import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,15 +23,18 @@ from lab.formats.structured import read_text
 from lab.kinematics.joints import JointSpec
 from lab.library.design import DesignResult
 from lab.library.load_run import CALIBRATIONS, MEASUREMENTS_FILE
+from lab.library.log_clocks import LEAST_POSES
 from lab.library.pose_planner import PosePlanner, Proposal
 from lab.library.result import Result, joint_values, number
 from lab.library.run_folder import VIA, joint_columns
 from lab.options.call_options import options_of, takes
 from lab.options.command_options import NextOptions
 from lab.options.virtual_campaign import DesignOptions
+from lab.phrases.phrase import phrase
 from lab.robots.config_file import CONFIG_FILE, SCHEMA, RunConfig, read_config, read_options
 from lab.robots.load_robot import load_virtual
 from lab.robots.robot import Robot
+from lab.verdict.diagnosed import misread_points
 
 __all__ = ["NEXT_FILE", "NextPoseResult", "length_mm", "next_pose", "proposal_text"]
 
@@ -52,6 +56,7 @@ class NextPoseResult(Result):
         planner: the robot with its candidates.
         data: the measurements so far, of the last proposal.
         proposals: one, or one after each new row of a file that was followed; the last one counts.
+        doubts: mistakes of reading in the measurements so far, and measurements that tell apart what the run left open.
     """
 
     command = "next"
@@ -61,6 +66,7 @@ class NextPoseResult(Result):
     planner: PosePlanner
     data: Measurements
     proposals: tuple[Proposal, ...]
+    doubts: tuple[str, ...] = ()
 
     @property
     def proposal(self) -> Proposal:
@@ -75,13 +81,13 @@ class NextPoseResult(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the reader."""
-        noise, warnings = self.proposal.noise, list(self.planner.problem.warnings)
+        noise, warnings = self.proposal.noise, [*self.doubts, *self.planner.problem.warnings]
         if self.proposal.from_home:
             warnings.append(
                 "no free way leads on from the last pose, as the nominal model has it: move the arm home first; the "
                 "way there is not checked"
             )
-        if noise is not None and noise.larger:
+        if noise is not None and noise.larger and not self.doubts:
             warnings.append(
                 f"the residuals are {noise.ratio:.2g} times the stated noise: check the instrument and its setup; "
                 "predicted errors count with the larger noise"
@@ -187,7 +193,27 @@ def next_pose(
                 keep_line("next pose", proposal_text(planner.problem.robot.chain, proposals[-1]))
             if proposals[-1].reached:
                 break
-    return NextPoseResult(requested, planner, data, tuple(proposals))
+        doubts = (*_mistakes(planner, data), *(() if isinstance(plan, DesignResult) else _left_open(requested.plan)))
+    return NextPoseResult(requested, planner, data, tuple(proposals), doubts)
+
+
+def _mistakes(planner: PosePlanner, data: Measurements) -> list[str]:
+    """Return the mistakes of reading in the measurements so far."""
+    seen = data.with_points()
+    if len(seen) < LEAST_POSES:
+        return []
+    return [phrase(each.check) for each in misread_points(planner.problem.robot, seen)]
+
+
+def _left_open(run: Path) -> list[str]:
+    """Return the measurements that tell mistakes apart which a run found, but could not tell from others."""
+    path = run / "result.json"
+    findings = json.loads(read_text(path, TABLE_BYTES)).get("findings", ()) if path.is_file() else ()
+    return [
+        f"measure {each['deciding_measurement']}: that tells {each['key']} from {', '.join(each['rivals'])}"
+        for each in findings
+        if each["deciding_measurement"]
+    ]
 
 
 def _proposed(planner: PosePlanner, data: Measurements, file: Path | None) -> Proposal:

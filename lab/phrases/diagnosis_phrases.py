@@ -220,6 +220,7 @@ _CONTINUOUS: Mapping[str, Callable[[Check], str]] = {
     "scale": _scale,
     "range_constant": _range_constant,
     "shear": lambda check: f"the measured space is sheared by {_size(check)}",
+    "outliers": lambda check: f"{_poses(check.data['of'])} {'are' if len(check.data['of']) > 1 else 'is'} far off",
     "drift": lambda check: f"the base or the instrument drifts by {_size(check)} over the campaign",
     "growth": _growth,
 }

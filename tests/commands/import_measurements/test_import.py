@@ -133,6 +133,23 @@ def test_rows_of_other_poses_are_suspected(tmp_path: Path, day: MeasurementSessi
     assert "do not follow the nominal arm" in result.warnings[-1]
 
 
+def test_a_mistake_of_reading_is_named(tmp_path: Path, day: MeasurementSession) -> None:
+    """In place of a list of what may be wrong: a joint's sign, and rows that are shifted by one."""
+    data, names = day.measurements, [f"P{i}" for i in range(POSES)]
+    turned = data.joints * np.array([1, 1, -1, 1, 1, 1])
+    shifted = np.roll(data.joints, 1, axis=0)
+    points = plain(tmp_path / "p.txt", names, data.points[:, 0])
+    for key, joints in (("joint_sign:q3", turned), ("rows_shifted:+1", shifted)):
+        result = import_measurements(
+            ImportOptions(points, rows_of_joints(tmp_path / "j.csv", names, joints), unit="mm")
+        )
+        assert key in result.warnings[-1]
+    sound = import_measurements(
+        ImportOptions(points, rows_of_joints(tmp_path / "j.csv", names, data.joints), unit="mm")
+    )
+    assert not any("nominal arm" in each for each in sound.warnings)
+
+
 def replacing(old: str, new: str) -> Callable[[str], str]:
     return lambda text: text.replace(old, new)
 
