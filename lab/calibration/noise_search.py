@@ -27,12 +27,10 @@ from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.units import short_length
 from lab.kinematics.joints import Encoders
 from lab.kinematics.model import Model
-from lab.noise.change_points import rows_around
 from lab.noise.error_model import Clock, ErrorModel, row_times
-from lab.noise.error_term import TERMS, Components, ErrorShapes, SuddenMove, correlation_of, terms_with
+from lab.noise.error_term import Components, ErrorShapes, correlation_of, terms_with
 from lab.noise.variance_components import (
     ComponentErrors,
     ComponentTrial,
@@ -138,16 +136,14 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     if _varies_with_joints(linear, estimate, data):
         return NoiseSearch(given_errors, trials, problem.likelihood(Components()).deviance, undecided=True)
     sigma_m = found.sigma_m if known else None
-    shared = _error_model(found, data, estimate, clock, times, sigma_m, given_errors)
+    shared = _error_model(found, estimate, clock, sigma_m, given_errors)
     return NoiseSearch(shared, trials, estimate.deviance, linear, estimate)
 
 
 def _error_model(
     found: Identification,
-    data: Measurements,
     estimate: VarianceEstimate,
     clock: Clock | None,
-    times: Array,
     sigma_m: float | None,
     given_errors: ErrorModel | None,
 ) -> ErrorModel:
@@ -166,20 +162,7 @@ def _error_model(
         clock=clock,
         values=dict(zip(found.model.names, found.values.tolist(), strict=True)),
         counts_rad=None if given_errors is None else given_errors.counts_rad,
-        moves=_moves(estimate, data, times),
     )
-
-
-def _moves(estimate: VarianceEstimate, data: Measurements, times: Array) -> tuple[SuddenMove, ...]:
-    """Change points with their sizes, between the last row before and the first one after, in the order of time."""
-    found, (scanned,) = [], (term for term in TERMS if term.scanned)
-    shifts = estimate.problem.predicted(estimate.components, scanned)
-    for change, shift in zip(estimate.problem.shapes.changes, shifts, strict=True):
-        (last, first), size_m = rows_around(times, change.time), float(np.linalg.norm(shift))
-        before, after = data.ids[last], data.ids[first]
-        text = f"the base or the instrument moved by {short_length(size_m)} between poses {before} and {after}"
-        found.append(SuddenMove(change, before, after, size_m, text))
-    return tuple(sorted(found, key=lambda move: move.change.time))
 
 
 def in_stretches(data: Measurements) -> Measurements:

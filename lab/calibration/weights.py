@@ -181,8 +181,6 @@ def _correlated(
     alone = replace(observed, whiten=observed.whiten / np.sqrt(shared.independent_share)) if known else observed
     times, unit = row_times(data, shared.clock), 1.0 if known else shared.sigma_m
     shapes = error_shapes(model, alone, values, data.joints.shape[1], times, shared.clock)
-    for term in shared.terms:
-        shapes = term.changed_at(shapes, shared.moves, another_session=shared.clock is None)
     variances = {term.name: (shared.size(term.name) / unit) ** 2 for term in shared.terms}
     carry = shared.carry if shared.carry > UNCORRELATED else 0.0
     correlation = correlation_of(shapes, Components(variances, carry))

@@ -3,7 +3,6 @@
 __all__ = [
     "CAMPAIGN_OUTLIERS",
     "CERTIFICATE_VALIDATION",
-    "CHANGE_IN_TIME",
     "EXTRAPOLATION",
     "LACK_OF_FIT",
     "MODEL_GROUPS",
@@ -25,7 +24,6 @@ STUDY_COMPARISON = 0.05  # difference of two criteria or settings of a study, of
 MODEL_GROUPS = 0.01  # a group of parameters in the model, of all groups together (Bonferroni)
 TERM_SEARCH = 0.005  # groups of single joints in the model, of the whole search
 CAMPAIGN_OUTLIERS = 0.01  # any outlier among the poses of a campaign
-CHANGE_IN_TIME = 0.005  # change of base, tool, joint zeros or size of errors in a campaign, of the whole scan
 PREDICTION_EXCEEDED = 0.01  # errors at poses that were not fitted above their prediction
 VARIANCE_COMPONENTS = 0.01  # errors common to a pose, or autocorrelated from pose to pose
 CERTIFICATE_VALIDATION = 0.05  # errors in validation above a certificate's budget

@@ -78,12 +78,14 @@ class Space:
         placed: ``(k,)`` which things are positions (m).
         times: ``(n,)`` of the rows, over a span of one.
         is_centred: whether base, tool and zeros are fitted: else mistakes are about the zero of joints and frame.
+        base: ``(3,)`` place of the arm's base in it, about which the arm grows; None where nobody knows it.
     """
 
     predicted: Array
     placed: NDArray[np.bool_]
     times: Array
     is_centred: bool = True
+    base: Array | None = None
 
     def mistakes(self) -> Iterator[Hypothesis]:
         """Yield mistakes of the measured space: scale, shear, drift and growth."""
@@ -105,7 +107,8 @@ class Space:
         at = self.times[:, None, None, None]
         axes = np.eye(3) * self.placed[:, None, None]
         yield Hypothesis("drift", columns=at * axes, units=("m",) * 3)
-        yield Hypothesis("growth", columns=at * points[..., None], units=("1",))
+        grown = points if self.base is None else (self.predicted - self.base) * self.placed[:, None]
+        yield Hypothesis("growth", columns=at * grown[..., None], units=("1",))
 
 
 def lasting_mistakes(

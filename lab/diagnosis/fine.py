@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
+from lab.calibration.guess import columns_of
 from lab.calibration.identification import Identification
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.joint_rounding import by_joint_positions
@@ -185,7 +186,8 @@ class _Search:
         times = row_times(rows)
         since = (times - times.min()) / max(float(np.ptp(times)), 1e-12) - 0.5
         placed = np.arange(predicted.shape[1]) < observation_of(model).positions  # other things are in no space
-        space = Space(predicted, placed, since)
+        base = columns_of(model, ("base",))
+        space = Space(predicted, placed, since, values[list(base[:3])] if len(base) == 6 and placed.any() else None)
         # columns of hypotheses, and of what may be off: links by tolerance, effects by kind, a smooth error
         stepping = list(steps_of(model, jacobian, slopes, rows.joint_names))
         lasting = list(lasting_mistakes(model, jacobian, slopes, rows, space))

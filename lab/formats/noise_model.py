@@ -42,19 +42,6 @@ class _ComponentErrors:
 
 
 @dataclass(frozen=True)
-class _Move:
-    """Move of the base or the instrument in ``result.json``."""
-
-    before: str
-    after: str
-    size_mm: float
-
-    def __post_init__(self) -> None:
-        if self.size_mm < 0:
-            raise LabError("noise_model.moves: a size is below zero; it must not be")
-
-
-@dataclass(frozen=True)
 class NoiseModel:
     """Shared errors in ``result.json``."""
 
@@ -65,9 +52,7 @@ class NoiseModel:
     wandering_correlation: float
     drift_mm: float
     encoder_counts_rad: tuple[tuple[float, ...], ...] | None = None
-    step_mm: float = 0.0
     component_errors: _ComponentErrors | None = None
-    moves: tuple[_Move, ...] = ()
     further: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

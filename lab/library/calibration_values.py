@@ -216,12 +216,10 @@ def _answer_to_dict(answer: Answer) -> dict[str, Any]:
 
 def _finding_to_dict(finding: Check) -> dict[str, Any]:
     """An entry of ``noise_findings``."""
-    between = finding.data.get("between")
     return {
         "kind": finding.name.removeprefix("finding."),
         "size_mm": MM.of(finding.data["size_m"]),
         "supported": finding.outcome != "failed",
-        "between": None if between is None else list(between),
         "words": phrase(finding),
     }
 

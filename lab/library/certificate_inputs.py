@@ -34,7 +34,6 @@ from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.effect import HOUR_S
 from lab.kinematics.effects.range_errors import CONSTANT, SCALE
 from lab.library.load_run import MEASUREMENTS_FILE, CalibrationRun
-from lab.noise.error_model import row_times
 from lab.noise.instruments import Instrument
 from lab.options.measured_campaign import MeasuredCampaign
 from lab.prediction.estimate import Estimate, EstimatedParameter
@@ -412,19 +411,10 @@ def instrument_noise_m(calibrated: CalibrationRun, fitted: FittedRows, device: I
     return fitted.sigma_m if calibrated.estimate.noise_known else _device_sigma(device, fitted)
 
 
-def motions_found(calibrated: CalibrationRun, fitted: FittedRows) -> Iterator[FrameMotion]:
-    """Steps and drift that the run found beside its model: how far the ends of the campaign are from its result."""
+def motions_found(calibrated: CalibrationRun) -> Iterator[FrameMotion]:
+    """Drift that the run found beside its model: how far the ends of the campaign are from its result."""
     found = calibrated.result.noise_model
-    if found is None:
-        return
-    times = row_times(fitted.rows)
-    order = [fitted.rows.ids[i] for i in np.argsort(times, kind="stable")]
-    for move in found.moves:
-        earlier = (order.index(move.before) + 1) / len(order) if move.before in order else 1.0
-        offset = MM.to_si(move.size_mm) * max(earlier, 1 - earlier)
-        text = f"base or instrument moved between poses {move.before} and {move.after}"
-        yield FrameMotion(text, f"{_BY_NOISE_MODEL}, {move.size_mm:.2g} mm", offset)
-    if found.drift_mm:
+    if found is not None and found.drift_mm:
         text = "drift of base or instrument to the campaign's end"
         yield FrameMotion(text, _BY_NOISE_MODEL, MM.to_si(found.drift_mm) * float(np.sqrt(3)))
 

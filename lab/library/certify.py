@@ -256,7 +256,7 @@ def _quantities(
 ) -> list[InputQuantity]:
     errors = TrackerErrors() if device is None else device.errors
     found = list(quantities_of(propagation, errors, source, chance))
-    motions = *motions_found(calibrated, fitted), *fitted_motions(calibrated, fitted.rows, propagation.positions)
+    motions = *motions_found(calibrated), *fitted_motions(calibrated, fitted.rows, propagation.positions)
     found += [motion_of(propagation, motion) for motion in motions]
     if (temperature := details.robot_temperature) is not None:
         values = dict(zip(calibrated.estimate.arm.names, calibrated.estimate.values.tolist(), strict=True))

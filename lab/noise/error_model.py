@@ -9,14 +9,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core.measurements import Measurements, setups
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.noise.change_points import APART, session_of
-from lab.noise.error_term import TERMS, ErrorTerm, SuddenMove, terms_with
+from lab.noise.error_term import TERMS, ErrorTerm, terms_with
 
-__all__ = ["Clock", "ErrorModel", "row_times", "within_session"]
+__all__ = ["Clock", "ErrorModel", "row_times", "session_of", "within_session"]
+
+_APART = 1e9  # units of time, from the first pose of a session to the first of the next
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,6 @@ class ErrorModel:
         carry: the correlation of the autoregressive term from one pose to the next.
         counts_rad: ``(J, J)`` a root of the covariance of joint positions from rounding to encoder counts (rad, m);
             None for ideal encoders, or counts too fine to be weighted.
-        moves: sudden ones of the base; none for another session, at whose start the base is at an unknown place.
     """
 
     sigma_m: float
@@ -71,7 +72,6 @@ class ErrorModel:
     values: Mapping[str, float]
     carry: float = 0.0
     counts_rad: Array | None = None
-    moves: tuple[SuddenMove, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sizes", {name: size for name, size in self.sizes.items() if size})
@@ -111,11 +111,6 @@ class ErrorModel:
         return self.size("trend")
 
     @property
-    def step_m(self) -> float:
-        """Standard deviation of a sudden shift of the base, of one coordinate."""
-        return self.size("step")
-
-    @property
     def common_m2(self) -> float:
         """Variance of a coordinate in another session: independent excess errors, and every shift."""
         own = max(self.independent_m**2 - self.sigma_m**2, 0.0)
@@ -124,7 +119,7 @@ class ErrorModel:
     @property
     def within_m2(self) -> tuple[float, ...]:
         """Mean variances of a coordinate from each term's shifts in the campaign itself."""
-        return tuple(term.variance_within(self.size(term.name), self.moves) for term in self.terms)
+        return tuple(term.variance_within(self.size(term.name)) for term in self.terms)
 
     def joint_covariance(self, joints: int) -> Array:
         """Covariance ``(J, J)`` of so many joints' positions at one pose (rad, m)."""
@@ -156,7 +151,7 @@ class ErrorModel:
         messages = ["joint positions are whole counts of the encoders"] if self.counts_rad is not None else []
         return (
             *messages,
-            *(text for term in self.terms for text in term.describe(self.size(term.name), self.carry, self.moves)),
+            *(text for term in self.terms for text in term.describe(self.size(term.name), self.carry)),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -172,9 +167,8 @@ class ErrorModel:
                 found["wandering_correlation"] = self.carry
         if further := {term.name: self.size(term.name) for term in self.terms if not term.key}:
             found["further"] = further
-        moves = [{"before": each.before, "after": each.after, "size_mm": MM.of(each.size_m)} for each in self.moves]
         counts = None if self.counts_rad is None else self.counts_rad.tolist()
-        return {**found, "moves": moves, "encoder_counts_rad": counts}
+        return {**found, "encoder_counts_rad": counts}
 
 
 def row_times(data: Measurements, clock: Clock | None = None) -> Array:
@@ -196,9 +190,14 @@ def row_times(data: Measurements, clock: Clock | None = None) -> Array:
     else:
         times = np.arange(len(data), dtype=np.float64)
     place = {setup: i for i, setup in enumerate(dict.fromkeys((*clock.sessions, *setups(data))))}
-    return np.asarray(times + APART * np.array([place[setup] for setup in setups(data)]))
+    return np.asarray(times + _APART * np.array([place[setup] for setup in setups(data)]))
+
+
+def session_of(times: Array) -> NDArray[np.int_]:
+    """Return the session index of each row, from 0."""
+    return np.round(times / _APART).astype(np.int_)
 
 
 def within_session(times: Array) -> Array:
     """Return times of rows from the beginning of each session."""
-    return np.asarray(times - APART * session_of(times))
+    return np.asarray(times - _APART * session_of(times))

@@ -1,4 +1,4 @@
-"""Define the error terms of the noise model: joint scatter, errors correlated in time, drift, change points.
+"""Define the error terms of the noise model: joint scatter, errors correlated in time, drift.
 
 In units of the instrument's noise the covariance of all numbers is V = 1 + sum v_i S_i P_i S_i', with a variance v_i
 and a shape S_i for each term. Its structure P_i is one of three: drawn anew at each pose (``pose``), first-order
@@ -23,7 +23,6 @@ from lab.core.probability import chi2_sf
 from lab.core.se3 import Array
 from lab.core.units import MICRONS, MM, MRAD, Unit
 from lab.extension_points import Part, PartKind, numbers, texts
-from lab.noise.change_points import ANOTHER_SESSION, BaseChange, before_and_after
 from lab.noise.correlation import Correlation
 
 __all__ = [
@@ -32,7 +31,6 @@ __all__ = [
     "Components",
     "ErrorShapes",
     "ErrorTerm",
-    "SuddenMove",
     "correlation_of",
     "own_term",
     "term_called",
@@ -74,37 +72,17 @@ class ErrorShapes:
         shift: ``(n, m, 3)`` of a shift of the base.
         along: ``(n,)`` time of each pose in the campaign, from -1 to 1, with mean zero; one for all of another session.
         times: ``(n,)`` of each pose; far apart between sessions.
-        changes: times of sudden moves of the base.
     """
 
     scatter: Array
     shift: Array
     along: Array
     times: Array
-    changes: tuple[BaseChange, ...] = ()
 
     @cached_property
     def trend(self) -> Array:
         """``(n, m, 3)`` of the shift at the end of a steady drift against its mean."""
         return np.asarray(self.along[:, None, None] * self.shift)
-
-
-@dataclass(frozen=True)
-class SuddenMove:
-    """A sudden move of the base or the instrument.
-
-    Attributes:
-        change: its time.
-        before, after: ids of the rows before and after it.
-        size_m: its length.
-        description: for a report.
-    """
-
-    change: BaseChange
-    before: str
-    after: str
-    size_m: float
-    description: str = ""
 
 
 _ERROR_TERMS = PartKind(
@@ -134,7 +112,6 @@ class ErrorTerm(Part, ABC, kind=_ERROR_TERMS):
         unit: of its standard deviation in reports.
         key: in ``result.json``, in that unit; "" for one under ``further``, by its name.
         family: of terms confounded in a campaign: families are searched one without the other; "" for none.
-        scanned: whether it is found by a scan over the rows for change points.
     """
 
     name: ClassVar[str]
@@ -143,32 +120,26 @@ class ErrorTerm(Part, ABC, kind=_ERROR_TERMS):
     unit: ClassVar[Unit] = MM
     key: ClassVar[str] = ""
     family: ClassVar[Literal["", "moving", "wandering"]] = ""
-    scanned: ClassVar[bool] = False
 
     @abstractmethod
     def shape(self, of: ErrorShapes) -> Array:
         """Return the effect ``(n, m, c)`` of its coefficients on the numbers of each pose."""
 
     @abstractmethod
-    def describe(self, size: float, carry: float, moves: Sequence[SuddenMove]) -> tuple[str, ...]:
+    def describe(self, size: float, carry: float) -> tuple[str, ...]:
         """Describe errors of this standard deviation (above zero, in SI units).
 
         Args:
             carry: the correlation of the autoregressive term from one pose to the next.
-            moves: of the base.
         """
 
     def p_value(self, ratio: float) -> float:
         """Return the p-value of a likelihood ratio: half of a chi squared's, as no variance is below zero."""
         return 1.0 if ratio <= 0 else 0.5 * float(chi2_sf(ratio, 1))
 
-    def variance_within(self, size: float, moves: Sequence[SuddenMove]) -> float:
+    def variance_within(self, size: float) -> float:
         """Return the mean variance (m^2) of a coordinate from shifts of the base in the campaign itself."""
         return size**2
-
-    def changed_at(self, of: ErrorShapes, moves: Sequence[SuddenMove], *, another_session: bool) -> ErrorShapes:
-        """Return the shapes with the term's change points, if it has any."""
-        return of
 
 
 class _JointScatter(ErrorTerm):
@@ -184,11 +155,11 @@ class _JointScatter(ErrorTerm):
         """Return the effect of the joints' positions."""
         return of.scatter
 
-    def describe(self, size: float, carry: float, moves: Sequence[SuddenMove]) -> tuple[str, ...]:
+    def describe(self, size: float, carry: float) -> tuple[str, ...]:
         """Describe the scatter."""
         return (f"joints scatter by {MRAD.text(size, 2)} from pose to pose",)
 
-    def variance_within(self, size: float, moves: Sequence[SuddenMove]) -> float:
+    def variance_within(self, size: float) -> float:
         """Return zero: scatter does not shift the base."""
         return 0.0
 
@@ -206,7 +177,7 @@ class _AutocorrelatedShift(ErrorTerm):
         """Return the effect of a shift."""
         return of.shift
 
-    def describe(self, size: float, carry: float, moves: Sequence[SuddenMove]) -> tuple[str, ...]:
+    def describe(self, size: float, carry: float) -> tuple[str, ...]:
         """Describe the shift and its correlation."""
         text = f"{MICRONS.text(size, 2)} (1σ per axis)"
         if carry > UNCORRELATED:
@@ -231,44 +202,16 @@ class _Drift(ErrorTerm):
         """Return the effect of the shift at the end."""
         return of.trend
 
-    def describe(self, size: float, carry: float, moves: Sequence[SuddenMove]) -> tuple[str, ...]:
+    def describe(self, size: float, carry: float) -> tuple[str, ...]:
         """Describe the drift from the first pose to the last."""
         return (f"the base or the instrument drifts steadily, by {2e6 * size:.2g} µm over the campaign",)
 
-    def variance_within(self, size: float, moves: Sequence[SuddenMove]) -> float:
+    def variance_within(self, size: float) -> float:
         """Return the mean square of a steady drift from minus to plus that size."""
         return size**2 / 3
 
 
-class _ChangePoints(ErrorTerm):
-    """Sudden shifts of the base or the instrument, at times found by a scan over the rows, of one coordinate."""
-
-    name = "step"
-    kind = "step"
-    structure = "lasting"
-    key = "step_mm"
-    family = "moving"
-    scanned = True
-
-    def shape(self, of: ErrorShapes) -> Array:
-        """Return the effect ``(n, m, 3 c)`` of the shift at each change, against the mean over the rows."""
-        along = before_and_after(of.times, of.changes)
-        return np.asarray((along[:, None, :, None] * of.shift[:, :, None]).reshape(*of.shift.shape[:2], -1))
-
-    def describe(self, size: float, carry: float, moves: Sequence[SuddenMove]) -> tuple[str, ...]:
-        """Describe each move."""
-        return tuple(move.description for move in moves)
-
-    def variance_within(self, size: float, moves: Sequence[SuddenMove]) -> float:
-        """Return the mean square of the moves about their means over the rows."""
-        return sum(move.size_m**2 * move.change.share * (1 - move.change.share) / 3 for move in moves)
-
-    def changed_at(self, of: ErrorShapes, moves: Sequence[SuddenMove], *, another_session: bool) -> ErrorShapes:
-        """Return the shapes with the change points of the moves; in another session with one shift for all rows."""
-        return replace(of, changes=(ANOTHER_SESSION,) if another_session else tuple(move.change for move in moves))
-
-
-TERMS: tuple[ErrorTerm, ...] = (_JointScatter(), _AutocorrelatedShift(), _Drift(), _ChangePoints())
+TERMS: tuple[ErrorTerm, ...] = (_JointScatter(), _AutocorrelatedShift(), _Drift())
 """All terms, in the order in which their covariances are added and written."""
 _ERROR_TERMS.taken = tuple(name for term in TERMS for name in (term.name, term.kind))
 
@@ -280,10 +223,8 @@ def own_term(name: str) -> ErrorTerm:
         LabError: there is none of this name, its package cannot be imported, or its structure is not ``lasting``.
     """
     term: ErrorTerm = _ERROR_TERMS.named(name)
-    if term.structure != "lasting" or term.kind != name or term.key or term.scanned:
-        raise LabError(
-            f"error term '{name}': give it the structure lasting, its name as kind, no key, and no scan of the rows"
-        )
+    if term.structure != "lasting" or term.kind != name or term.key:
+        raise LabError(f"error term '{name}': give it the structure lasting, its name as kind, and no key")
     return term
 
 

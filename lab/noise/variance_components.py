@@ -8,8 +8,7 @@ product with V^-1 takes a time linear in the number of poses.
 
 Search: components are added one by one while the likelihood ratio is significant at ``VARIANCE_COMPONENTS``, with
 Bonferroni's correction over the candidates. A variance of zero lies at a bound, where twice the log ratio is zero half
-of the time (Self & Liang 1987). A change point is added by the F test of a scan over the rows; beside others its
-likelihood is a mean over all rows.
+of the time (Self & Liang 1987).
 
 Small samples: C(t) = (J'V(t)^-1 J)^-1 at estimated variances t of covariance W is too small twice: on average C(t^)
 misses half of the curvature sum W_ij C_ij, and estimated weights cost as much precision again. To the first
@@ -29,7 +28,6 @@ import scipy  # its parts are loaded at their first use
 from lab.core.linear_model import matched_dof
 from lab.core.se3 import Array
 from lab.core.significance import VARIANCE_COMPONENTS
-from lab.noise.change_points import BaseChange, ChangeScan, likeliest_change
 from lab.noise.error_term import TERMS, Components, ErrorShapes, ErrorTerm, term_called, terms_with
 
 __all__ = [
@@ -64,7 +62,6 @@ _CARRIES = (0.1, 0.995)  # bounds of the correlation from one pose to the next
 _START_VARIANCES, _START_CARRIES = (0.05, 0.3, 2.0, 15.0, 300.0), (0.4, 0.85)
 _MIN_GAIN = 1.0  # twice the log ratio at the best start: from less, no search reaches significance
 _FAMILIES = ("moving", "wandering")  # that are left out, one in each search
-_MAX_CHANGES = 3  # more are rather an autoregressive shift
 _STEP = 0.1  # of the logarithm of a variance, and of a correlation's odds, for differences
 _MAX_INFLATION = 0.5  # largest relative increase of a standard deviation
 _MIN_CURVATURE = 0.05  # of a log-likelihood by the logarithm of a variance: below it is not identifiable
@@ -107,31 +104,6 @@ class RestrictedProblem:
     def dof(self) -> int:
         """Residual degrees of freedom."""
         return self.numbers - int(self.rows.shape[2]) + 1
-
-    def changed_at(self, changes: Sequence[BaseChange]) -> "RestrictedProblem":
-        """Return the problem with sudden moves of the base at these change points."""
-        return replace(self, shapes=replace(self.shapes, changes=tuple(changes)))
-
-    def likeliest_change(self, components: Components) -> ChangeScan | None:
-        """Find the likeliest further move of the base, beside lasting terms but without an autoregressive shift."""
-        rows, shift, lasting, weight = self._white(components)
-        fitted = np.concatenate([rows[..., :-1], lasting, rows[..., -1:]], axis=2)
-        return likeliest_change(fitted * weight, shift * weight, self.shapes.times)
-
-    def predicted(self, components: Components, of: ErrorTerm) -> Array:
-        """Return the best prediction ``(c / 3, 3)`` of a lasting term's coefficients, without AR(1) shift."""
-        rows, _, lasting, weight = self._white(components)
-        squares = _gram(np.concatenate([rows[..., :-1], lasting, rows[..., -1:]], axis=2) * weight)
-        free, size = rows.shape[2] - 1, len(squares) - 1
-        squares[:size, :size] += np.diag(np.where(np.arange(size) < free, _ROUNDING, 1.0))
-        found = np.linalg.solve(squares[:size, :size], squares[:size, size])
-        first = free
-        for term in self._lasting:
-            count = self._rotated.lasting[term.name].shape[2] if components[term.name] else 0
-            if term is of:
-                break
-            first += count
-        return np.asarray(np.sqrt(components[of.name]) * found[first : first + count].reshape(-1, 3))
 
     def likelihood(self, components: Components, scale: float | None = None) -> _Likelihood:
         """Return the restricted likelihood of some components, with the best s unless ``scale`` is given.
@@ -248,20 +220,18 @@ class VarianceEstimate:
         kinds: of its components.
         components: their variances, in units of the instrument's.
         likelihood: there.
-        problem: of the rows, with the change points.
-        candidates: number of candidate rows of each of these.
+        problem: of the rows.
     """
 
     kinds: tuple[str, ...]
     components: Components
     likelihood: _Likelihood
     problem: RestrictedProblem
-    candidates: tuple[int, ...] = ()
 
     @property
     def deviance(self) -> float:
-        """Minus twice the restricted log-likelihood, with every change point equally likely at every row."""
-        return self.likelihood.deviance + 2 * float(np.log(self.candidates).sum())
+        """Minus twice the restricted log-likelihood."""
+        return self.likelihood.deviance
 
 
 @dataclass(frozen=True)
@@ -269,7 +239,7 @@ class ComponentTrial:
     """Test of a component beside those selected before it.
 
     Attributes:
-        ratio: twice the log of the likelihood ratio; the F statistic of a change point.
+        ratio: twice the log of the likelihood ratio.
         p: its p-value, without Bonferroni's factor over the kinds.
         taken: whether it was selected.
     """
@@ -285,7 +255,7 @@ def chosen_components(
 ) -> tuple[VarianceEstimate, tuple[ComponentTrial, ...]]:
     """Select the significant components; return them and all tests.
 
-    Drift and changes are confounded with an autoregressive shift: each family is searched without the other, with
+    Drift is confounded with an autoregressive shift: each family is searched without the other, with
     scatter beside it, and the likelier result is taken.
 
     Args:
@@ -314,13 +284,10 @@ class _Search:
         while True:
             significant = []
             for kind in kinds:
-                scanned = term_called(kind).scanned
-                if kind in best.kinds and (not scanned or len(best.candidates) == _MAX_CHANGES):
+                if kind in best.kinds:
                     continue
-                each, trial = self._changed(best, kind) if scanned else self._extended(best, kind)
-                if kind not in best.kinds:
-                    trials[kind] = trial
-                if each is not None and trial.p < self._level:
+                each, trials[kind] = self._extended(best, kind)
+                if trials[kind].p < self._level:
                     significant.append((each, kind))
             if not significant:
                 return best, list(trials.values())
@@ -330,22 +297,10 @@ class _Search:
     def _extended(self, found: VarianceEstimate, kind: str) -> tuple[VarianceEstimate, ComponentTrial]:
         kinds, hopeless = (*found.kinds, kind), found.likelihood.deviance - _MIN_GAIN
         each = self._known.get(kinds)
-        if each is None or found.candidates:
-            each = replace(best_components(found.problem, kinds, hopeless), candidates=found.candidates)
-            self._known |= {} if found.candidates else {kinds: each}
+        if each is None:
+            each = self._known[kinds] = best_components(found.problem, kinds, hopeless)
         ratio = found.likelihood.deviance - each.likelihood.deviance
         return each, ComponentTrial(kind, ratio, term_called(kind).p_value(ratio), taken=False)
-
-    def _changed(self, found: VarianceEstimate, kind: str) -> tuple[VarianceEstimate | None, ComponentTrial]:
-        scan = found.problem.likeliest_change(found.components)
-        if scan is None:
-            return None, ComponentTrial(kind, 0.0, 1.0, taken=False)
-        trial = ComponentTrial(kind, scan.f, scan.p, taken=False)
-        if scan.p >= self._level:
-            return None, trial
-        problem = found.problem.changed_at((*found.problem.shapes.changes, scan.change))
-        kinds: tuple[str, ...] = found.kinds if kind in found.kinds else (*found.kinds, kind)
-        return replace(best_components(problem, kinds), candidates=(*found.candidates, scan.candidates)), trial
 
 
 def best_components(problem: RestrictedProblem, kinds: tuple[str, ...], hopeless: float = np.inf) -> VarianceEstimate:

@@ -161,26 +161,6 @@ def _scatter(check: Check) -> str:
     return f"joints scatter by {size} from pose to pose ({at_tool} at the tool){_unsupported(check)}"
 
 
-_MOVED = {
-    "base": "the position of the base or the instrument",
-    "size": "the size of the arm or the scale of the instrument",
-    "tool": "tool point ",
-    "joint": "the zero of joint ",
-}
-
-
-def _change(check: Check) -> str:
-    before, after = check.data["between"]
-    if "ratio" in check.data:
-        larger = f"from pose {after} on as before" if check.data["grows"] else f"up to pose {before} as after it"
-        return f"errors are {check.data['ratio']:.2g} times as large {larger}: measure all poses by one method"
-    parts = (name.partition(".") for name in check.data["what"])
-    first, *others = (_MOVED[kind] + name for kind, _, name in parts)
-    what = first + "".join(f" (or {other})" for other in others)
-    changed = f"changed by {short_length(check.data['size_m'])} between poses {before} and {after}"
-    return f"{what} {changed}: find the cause"
-
-
 def _residuals(check: Check) -> str:
     return "the residuals are at rounding level" if check.outcome == "passed" else "not tested"
 
@@ -338,10 +318,6 @@ PHRASES: Mapping[str, Phrase] = {
         "residuals across the line of sight are {statistic:.2g} times those along it (F test, p = {p:.1g}): the noise "
         "is not isotropic, so intervals and outlier test are biased; state the instrument with --instrument"
     ),
-    "finding.step": (
-        "the base or the instrument moved by {size_m:short} between poses {between[0]} and {between[1]}: measure again "
-        "in one set-up, or give the rows after it a session of their own"
-    ),
     "finding.drift": _drift,
     "finding.correlated": _correlated,
     "finding.scatter": _scatter,
@@ -354,7 +330,6 @@ PHRASES: Mapping[str, Phrase] = {
         "lack of fit: {effects:list} would explain errors now attributed to noise (mean error of held-out poses "
         "{before_m:mm} without, {after_m:mm} with): fit with --model auto"
     ),
-    "finding.change": _change,
     "fit.residuals": _residuals,
     "fit.weak": "not significant at the level that makes a verdict doubtful",
     "given.noise": _given_noise,
@@ -401,13 +376,11 @@ _NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name b
     "lack_of_fit": LACK_OF_FIT_ADVICE,
     "lack_of_fit.nothing": "Measure more poses to validate on, or some poses twice; or state the noise (--instrument).",
     "isotropy": "State the instrument with --instrument.",
-    "finding.step": "Measure again in one set-up, or give the rows after the step a session of their own.",
     "finding.drift": "Measure the first poses again at the end: they show what drifts.",
     "finding.correlated": _REPEAT,
     "finding.scatter": _REPEAT,
     "finding.noise": "State the instrument with --instrument or --noise-mm.",
     "finding.missing": "Identify with --model auto.",
-    "finding.change": "Find what changed during the session; then measure again.",
     "given.noise": "Correct the stated noise: --noise-mm, or column sigma_mm.",
     "given.scale": "Check the scale of the points (unit, air, temperature); then identify again.",
     "arm.convergence": f"Check robot and rows; if both are right, use {PRIOR}.",

@@ -86,7 +86,7 @@ def _without_session(process: JointProcess, fit: Identification, lasting: Sequen
 def in_another_session(shared: ErrorModel, estimate: Estimate) -> ErrorModel:
     """Return errors as they are in another session, after an unknown drift or step of the base."""
     values = dict(zip(estimate.arm.names, estimate.values.tolist(), strict=True))
-    return replace(shared, clock=None, moves=(), values=values)
+    return replace(shared, clock=None, values=values)
 
 
 def _estimated_parameters(fit: Identification, exported: Callable[[], Array]) -> tuple[EstimatedParameter, ...]:

@@ -64,7 +64,7 @@ from lab.verdict.fit_checks import (
     points_in_another_scale,
 )
 from lab.verdict.fitted import UNJUDGED, Fitted, JudgementOptions, named_poses
-from lab.verdict.noise_findings import changes_in_time, finding, shared_error_findings
+from lab.verdict.noise_findings import finding, shared_error_findings
 from lab.verdict.verdict import verdict
 
 __all__ = [
@@ -83,7 +83,6 @@ __all__ = [
 Step = Callable[[Fitted], Fitted]
 UNKNOWN = Noise()  # noise that is estimated
 _CLEARLY = 0.5  # of the error as read: with a mistake undone it is smaller
-_IN_TIME = ("finding.step", "finding.drift", "finding.correlated")
 
 
 def identify_robot(
@@ -447,7 +446,7 @@ def _fit_residual(state: Fitted) -> Fitted:
 
 
 def _check_noise(state: Fitted) -> Fitted:
-    """Test for a change during the campaign, and for effects that the model does not have.
+    """Check the errors that the noise model explains, and test for effects that the model does not have.
 
     Needs: ``weighted``, ``adequacy``, ``noise``. Adds: ``findings``.
     """
@@ -457,19 +456,8 @@ def _check_noise(state: Fitted) -> Fitted:
     findings = shared_error_findings(found, rows, state.noise.shared, adequacy, repeats(rows))
     tested = fitter.options.search or (adequacy.name == "lack_of_fit.chi2" and adequacy.outcome == "passed")
     beside = None if tested else fitter.with_missing_effects(rows, state.selection)
-    if not any(each.name in _IN_TIME for each in findings):
-        fullest = found if beside is None else beside.identification  # what an effect explains did not change
-        observed, _ = weigh(observation_of(fullest.model), rows, fitter.noise.independent)
-        findings += changes_in_time(fullest, observed, rows)
-    return replace(state, findings=_largest_first([*findings, *([] if beside is None else [_missing(beside)])]))
-
-
-def _largest_first(findings: Sequence[Check]) -> tuple[Check, ...]:
-    """Return changes between rows and missing effects by their size, then the other findings."""
-    sized = ["between" in each.data or each.name == "finding.missing" for each in findings]
-    first = [each for each, has_size in zip(findings, sized, strict=True) if has_size]
-    others = [each for each, has_size in zip(findings, sized, strict=True) if not has_size]
-    return (*sorted(first, key=lambda each: -each.data["size_m"]), *others)
+    missing = [] if beside is None else [_missing(beside)]
+    return replace(state, findings=(*missing, *findings))
 
 
 def _missing(beside: Selection) -> Check:

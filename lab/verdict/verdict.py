@@ -205,7 +205,7 @@ def _fit(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
     found = [*_failed(checks, "diagnosis"), *_failed(checks, "finding")]
     if not found or _one(checks, "fit.residuals").outcome == "passed":
         return answer, reasons
-    if _below_gate(checks) and not any("between" in each.data for each in found):
+    if _below_gate(checks):
         return Answer("does not matter", (found[0],)), []
     return Answer("doubtful", (found[0],)), [*found, *reasons]
 

@@ -85,7 +85,7 @@ class Bow(ErrorTerm):
     def shape(self, of):
         return of.shift * (of.along**2 - (of.along**2).mean())[:, None, None]
 
-    def describe(self, size, carry, moves):
+    def describe(self, size, carry):
         return (f"the base bows by {1e6 * size:.0f} µm (1σ per axis) over the campaign",)
 
 

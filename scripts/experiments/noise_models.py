@@ -1,6 +1,6 @@
 """Do intervals, outliers and verifications hold under other noise than the instrument's? Thousands of campaigns.
 
-Joints that scatter, errors that are correlated in time, a drift, a change point, heavy tails, and independent noise.
+Joints that scatter, errors that are correlated in time, a drift, heavy tails, and independent noise.
 The arms are taken to be linear in their parameters, which small errors cannot tell from the truth; noise models,
 weights, intervals and tests are the ones that every command uses. Per case: how often 95 % intervals hold, NEES per
 parameter, the error over the workspace against the predicted one, how often something is taken beside the instrument's
@@ -25,7 +25,6 @@ from lab.core.se3 import Array
 from lab.kinematics.effects.arm_with_effects import Arm
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
-from lab.noise.change_points import ANOTHER_SESSION
 from lab.noise.error_term import Components, ErrorShapes, correlation_of
 from lab.noise.variance_components import (
     RestrictedProblem,
@@ -39,11 +38,10 @@ from lab.studies import executors
 from lab.verification.change_test import change_test
 from lab.verification.predicted_points import STEP, CalibrationPrediction, VerificationProblem, with_estimated_noise
 
-SIGMA_M, SCATTER_RAD, CARRY, DRIFT_M, STEP_M, TAIL_DOF = 8e-6, 30e-6, 0.9, 60e-6, 50e-6, 3.0
+SIGMA_M, SCATTER_RAD, CARRY, DRIFT_M, TAIL_DOF = 8e-6, 30e-6, 0.9, 60e-6, 3.0
 _ARMS = 5  # pose sets
 _FRESH = 200
 _CHECKED = (3, 13)  # poses of a verification
-_MARGIN = 8  # poses before a change point, and after it, at least
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,7 @@ class Case:
     """One kind of noise.
 
     Attributes:
-        noise: ``independent``, ``scatter``, ``correlated``, ``drift``, ``step`` or ``tails``.
+        noise: ``independent``, ``scatter``, ``correlated``, ``drift`` or ``tails``.
         targets: how many.
         known: whether the instrument's noise is given.
     """
@@ -71,7 +69,6 @@ CASES = {
     "AR(1) 0.9, 1 target, 80 poses": Case("correlated", 1, 80),
     "AR(1) 0.9, 1 target, 40 poses": Case("correlated", 1, 40),
     "drift 60 µm, 1 target, 80 poses": Case("drift", 1, 80),
-    "change point of 50 µm, 1 target, 80 poses": Case("step", 1, 80),
     "Student t 3, 1 target, 80 poses": Case("tails", 1, 80),
 }
 
@@ -150,11 +147,9 @@ def of_one_campaign(case: Case, arm: _LinearArm, fresh: Array, rng: np.random.Ge
     """
     rows = np.arange(case.poses)
     made = errors(case, arm, rows, rng)
-    if case.noise in ("drift", "step"):
+    if case.noise == "drift":
         direction = rng.standard_normal(3)
         steady: Array = np.linspace(-0.5, 0.5, case.poses) * DRIFT_M
-        if case.noise == "step":
-            steady = STEP_M * (rows >= rng.integers(_MARGIN, case.poses - _MARGIN)).astype(float)
         moved = (steady - steady.mean())[:, None] * direction / np.linalg.norm(direction)
         made = made + np.tile(moved, (1, case.targets))
     free = range(arm.parameters)
@@ -186,7 +181,6 @@ def of_one_campaign(case: Case, arm: _LinearArm, fresh: Array, rng: np.random.Ge
         "square": found.values**2,
         "plain square": plain.values**2,
         "taken": np.array(bool(estimate.kinds)),
-        "changed": np.array("step" in estimate.kinds),
         "named": np.array(len(_named(case, arm, observed, rng)) > 0),
         "alarmed": np.array(_alarmed(case, arm, found.values, covariance, (estimate, problem.dof, linear), small, rng)),
     }
@@ -238,7 +232,7 @@ def _alarmed(
     rows = rng.permutation(case.poses)[: rng.integers(*_CHECKED)]
     made = errors(case, arm, rows, rng)
     shapes = _shapes(case, arm, rows)
-    another_session = replace(shapes, along=np.ones(len(rows)), changes=(ANOTHER_SESSION,))
+    another_session = replace(shapes, along=np.ones(len(rows)))
     scale = 1.0 if case.known and not estimate.kinds else estimate.likelihood.scale
     observed = _weighed(case, rows, made, estimate.components, scale, another_session)
     tail = tail_dof(linear)
@@ -315,7 +309,6 @@ def study(name: str, campaigns: int) -> dict[str, float]:
         "realised_over_predicted": np.sqrt(found["realised"].mean() / found["predicted"].mean()),
         "variance_over_independent": float(np.mean(found["square"].mean(axis=0) / found["plain square"].mean(axis=0))),
         "beside_the_instrument": found["taken"].mean(),
-        "change_points": found["changed"].mean(),
         "outliers_named": found["named"].mean(),
         "verification_alarms": found["alarmed"].mean(),
     }

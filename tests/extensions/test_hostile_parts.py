@@ -178,11 +178,11 @@ def test_words_of_a_part_are_texts(how: str) -> None:
     class Hostile(own_parts.Bow):
         name = kind = "hostile"
 
-        def describe(self, size: float, carry: float, moves: Any) -> Any:
+        def describe(self, size: float, carry: float) -> Any:
             return returned()
 
     with pytest.raises(LabError, match=f"error term 'hostile': {said}"):
-        Hostile().describe(1.0, 0.0, ())
+        Hostile().describe(1.0, 0.0)
 
 
 def test_what_a_sensor_simulates_is_of_its_type() -> None:

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from lab.kinematics.compiled import kernels
-from lab.noise.change_points import BaseChange
 from lab.noise.correlation import Correlation
 from lab.noise.error_term import Components, ErrorShapes, correlation_of
 from lab.noise.variance_components import RestrictedProblem, best_components, chosen_components, small_sample
 
 POSES, NUMBERS = 12, 6
-PARTS = Components({"scatter": 0.7, "shift": 1.3, "trend": 2.0, "step": 1.7}, 0.8)
+PARTS = Components({"scatter": 0.7, "shift": 1.3, "trend": 2.0}, 0.8)
 
 
 def shapes(rng: np.random.Generator, poses: int = POSES) -> ErrorShapes:
@@ -21,7 +20,7 @@ def shapes(rng: np.random.Generator, poses: int = POSES) -> ErrorShapes:
     times[poses // 2 :] += 2.5  # a pause
     along = (times - times.mean()) / np.abs(times - times.mean()).max()
     scatter = 0.5 * rng.standard_normal((poses, NUMBERS, 4))
-    return ErrorShapes(scatter, shift, along, times, (BaseChange(3.5, 0.4), BaseChange(7.0, 0.1)))
+    return ErrorShapes(scatter, shift, along, times)
 
 
 def correlation(of: ErrorShapes, parts: Components) -> Correlation:
@@ -36,9 +35,6 @@ def dense(of: ErrorShapes, parts: Components) -> np.ndarray:
         for j in range(n):
             block = parts["shift"] * parts.carry ** abs(of.times[i] - of.times[j]) * of.shift[i] @ of.shift[j].T
             block = block + parts["trend"] * of.trend[i] @ of.trend[j].T
-            for change in of.changes:
-                sides = [(of.times[row] >= change.time) - change.share for row in (i, j)]
-                block = block + parts["step"] * sides[0] * sides[1] * of.shift[i] @ of.shift[j].T
             if i == j:
                 block = block + parts["scatter"] * of.scatter[i] @ of.scatter[i].T
             covariance[i * m : i * m + m, j * m : j * m + m] += block
@@ -55,7 +51,6 @@ def dense(of: ErrorShapes, parts: Components) -> np.ndarray:
         Components({"shift": 3.0}, 0.5),
         Components({"scatter": 1.0, "shift": 3.0}),
         Components({"trend": 9.0}),
-        Components({"step": 5.0}),
     ],
 )
 def test_whitened_errors_have_unit_covariance(
@@ -67,9 +62,9 @@ def test_whitened_errors_have_unit_covariance(
     of = shapes(rng)
     if shuffled:  # rows of a file need not stand in the order of time
         order = rng.permutation(POSES)
-        of = ErrorShapes(of.scatter[order], of.shift[order], of.along[order], of.times[order], of.changes)
+        of = ErrorShapes(of.scatter[order], of.shift[order], of.along[order], of.times[order])
     shared = correlation(of, parts)
-    assert shared.between_poses == bool(parts.carry or parts["trend"] or parts["step"])
+    assert shared.between_poses == bool(parts.carry or parts["trend"])
     unit = np.eye(POSES * NUMBERS).reshape(POSES, NUMBERS, -1)
     white = shared.white(unit).reshape(POSES * NUMBERS, -1)
     assert np.allclose(white @ dense(of, parts) @ white.T, np.eye(len(white)), atol=1e-12)

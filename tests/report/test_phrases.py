@@ -50,8 +50,8 @@ def test_the_next_step_is_the_cheapest_that_helps() -> None:
         def __init__(self, *names: str) -> None:
             self.reasons = tuple(Check(name, "failed") for name in names)
 
-    assert "--model auto" in next_step(Judged("finding.change", "finding.missing"))
-    assert "--robust" in next_step(Judged("finding.change"), with_outliers=True)
+    assert "--model auto" in next_step(Judged("finding.drift", "finding.missing"))
+    assert "--robust" in next_step(Judged("finding.drift"), with_outliers=True)
     assert "--robust" not in next_step(Judged("arm.spread"), with_outliers=True)
     assert "lab next" in next_step(Judged("accuracy.gate"))
 

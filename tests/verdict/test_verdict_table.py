@@ -234,7 +234,6 @@ def test_a_finding_that_nothing_supports_makes_a_good_calibration_doubtful() -> 
     assert doubtful.word == "doubtful"
     assert [each.name for each in doubtful.reasons] == ["finding.missing", "finding.scatter"]
     assert judged(finding("scatter", 1e-3), gate_m=GATE).word == "good"  # far below the gate it does not matter
-    assert judged(finding("step", 1e-3, between=("7", "8")), gate_m=GATE).word == "doubtful"  # what happened does
 
 
 def test_errors_beyond_their_prediction_are_never_good() -> None:

@@ -74,6 +74,26 @@ def test_a_step_is_fitted_between_the_poses_where_it_happened_whichever_are_held
     assert np.linalg.norm(size) == pytest.approx(1e-3, abs=3 * np.linalg.norm(std))
 
 
+@pytest.mark.parametrize(
+    ("mistake", "what"), [("a zero shifted", "joint_step"), ("the reflector was reseated", "tool_step")]
+)
+def test_a_step_is_named_as_what_it_is(mistake: str, what: str) -> None:
+    data, rng = session_with_noise(1)
+    (found,) = lab.identify(MISTAKES[mistake](data, rng, 0.1e-3), robot="irb120").diagnosis
+    assert found.name == what and found.accepted
+    assert data.ids.index(found.hypothesis.of[-1]) == pytest.approx(30, abs=2)
+
+
+def test_an_arm_that_grows_is_found_and_by_how_much() -> None:
+    """About its base, by 60 ppm from the first pose to the last; a scale, which no row shows, is no growth."""
+    data, _ = session_with_noise(0)
+    away = data.points - identified(data).state.identification.values[:3]
+    since = np.linspace(0, 1, len(data))[:, None, None]
+    (found,) = lab.identify(replace(data, points=data.points + 60e-6 * since * away), robot="irb120").diagnosis
+    assert found.name == "growth" and found.sizes[0] == pytest.approx(60e-6, abs=3 * found.stds[0])
+    assert not lab.identify(replace(data, points=data.points + 60e-6 * away), robot="irb120").diagnosis
+
+
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("effect", "named"),
