@@ -730,6 +730,7 @@ def verify_touches(
     run: str | Path | CalibrationResult | VerifyOptions,
     measurements: str | Path | Measurements | None = None,
     *,
+    accept: Sequence[str] = ...,
     serial: str | None = None,
     date: str | None = None,
     require: Literal["good"] | None = None,

@@ -19,7 +19,6 @@ from lab.core.progress import Progress, Stage, stages
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 from lab.core.units import MM, MRAD
-from lab.diagnosis.gross import Gross
 from lab.diagnosis.hypothesis import Hypothesis
 from lab.formats.measurement_csv import read_measurements
 from lab.library.load_run import CalibrationRun
@@ -30,14 +29,14 @@ from lab.options.named_instruments import named_instrument
 from lab.phrases.phrase import phrase, phrases
 from lab.prediction.extrapolation import MOST_UNCOVERED
 from lab.sensors.sensor_registry import sensor_named
-from lab.verdict.diagnosed import accepted_of, undone
+from lab.verdict.diagnosed import read_as_accepted
 from lab.verdict.fit_checks import check_extrapolated, noise_beyond
 from lab.verification.change_test import Verified, misread
 from lab.verification.change_test import verify as test
 from lab.verification.changes import Displacement, PossibleChange
 from lab.verification.predicted_points import CalibrationPrediction, predict_measurements
 
-__all__ = ["VerificationResult", "verified_points"]
+__all__ = ["VerificationResult", "situation_values", "verified_points"]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -122,7 +121,7 @@ class VerificationResult(Result):
             },
             "promised_mm": MM.of(found.expected_m),
             "moved": list(found.moved),
-            "situation": _situation(found.situation),
+            "situation": situation_values(found.situation),
             "words": phrase(found.check),
             "hypotheses": [_hypothesis(each) for each in found.hypotheses],
             "refit": {name: _displacement(moved) for name, moved in found.refit},
@@ -147,7 +146,7 @@ class VerificationResult(Result):
         return "mrad" if angular else "mm"
 
 
-def _situation(each: Check | None) -> dict[str, Any] | None:
+def situation_values(each: Check | None) -> dict[str, Any] | None:
     """Return the cause of large errors; None where they are small, or no such cause was found."""
     if each is None:
         return None
@@ -229,7 +228,8 @@ def _tested(
         observations, prediction = predict_measurements(estimate, rows, noise, given=stated)
         gross = misread(prediction, rows)
         if options.accept:
-            rows, gross = _read_as_accepted(rows, gross, options.accept)
+            rows, gross = read_as_accepted(rows, gross, options.accept)
+            rows = rows.only("calibrate", "reference", "test")
             observations, prediction = predict_measurements(estimate, rows, noise, given=stated)
         more = _range_constant(noise.instrument, prediction, observations)
         verified = test(prediction, observations, options.refit, rows, _counted(stage, tested), gross, more)
@@ -241,14 +241,6 @@ def _tested(
     messages += fitted
     warnings = (*phrases(noisy), *messages, *_repeat_where_measured(len(extrapolated), len(rows), verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)
-
-
-def _read_as_accepted(rows: Measurements, gross: Gross, accept: Sequence[str]) -> tuple[Measurements, Gross]:
-    """Return the rows with the accepted mistakes of reading undone, and the mistakes that are left."""
-    findings = accepted_of(gross.findings, accept)
-    read, _ = undone(rows, sensor_named("points"), findings)
-    left = tuple(each for each in findings if not each.accepted)
-    return read.only("calibrate", "reference", "test"), replace(gross, findings=left)
 
 
 def _range_constant(

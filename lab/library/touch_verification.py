@@ -1,7 +1,7 @@
 """Test daily touches of one socket: does the calibrated arm still meet it, and if not, which joint's zero moved?"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,11 +16,17 @@ from lab.core.number_text import digits_of, fixed, plus_minus, sentence, short
 from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR
 from lab.core.units import MM, MRAD, Unit
+from lab.diagnosis.gross import gross_mistakes
+from lab.diagnosis.hypothesis import Finding
 from lab.kinematics.model import RigidArm
 from lab.library.load_run import CalibrationRun
+from lab.library.point_verification import situation_values
 from lab.library.result import Result, exit_code_of, number
 from lab.library.touch_plan import TouchPlan, ball_columns, placed_by, planned, sockets_of
 from lab.options.command_options import VerifyOptions
+from lab.phrases.phrase import phrase
+from lab.sensors.socket import SocketSensor
+from lab.verdict.diagnosed import read_as_accepted
 from lab.verification.socket_checks import (
     LEAST_CONFIGURATIONS,
     REFERENCE,
@@ -37,6 +43,7 @@ __all__ = ["TouchesResult", "planned_touches", "verified_touches"]
 
 _NEAR_RAD = np.deg2rad(10.0)  # within which a joint position is that of the same configuration
 _NEAR_M = 0.05  # of a slide
+_UNNAMED = "?"  # of a socket that a file does not name
 _BY_NAME = {"base": "the base", "tool": "the tool"}
 
 
@@ -51,6 +58,7 @@ class TouchesResult(Result):
         sockets: names of the sockets.
         distinctions: how well each cause is seen in these configurations.
         scan: all checks, tested one after the other.
+        findings: mistakes of reading that nobody has accepted: where there are any, the checks mean nothing.
     """
 
     command = "verify"
@@ -63,14 +71,17 @@ class TouchesResult(Result):
     sockets: tuple[str, ...]
     distinctions: tuple[Distinction, ...]
     scan: Scan
+    findings: tuple[Finding, ...]
     warnings: tuple[str, ...]
 
     @property
     def verdict(self) -> str:
         """``bad`` where one cause explains a change, ``doubtful`` where several or none do, else ``good``.
 
-        ``not judged`` before the first check that is tested.
+        ``bad`` also where readings are wrong; ``not judged`` before the first check that is tested.
         """
+        if self.findings:
+            return "bad"
         if (change := self.scan.change) is not None:
             return "bad" if change.named and change.candidates[0].cause.kind != "touch" else "doubtful"
         return "good" if self.scan.tested else "not judged"
@@ -112,6 +123,7 @@ class TouchesResult(Result):
             "level_per_year": TREND_YEAR,
             "repeatability_mm": number(MM.of(self.repeatability_m)),
             "change": None if change is None else self._change(change),
+            "situation": situation_values(self.findings[0].check if self.findings else None),
             "bad_touches": [self.dates[i] for i in self.scan.bad_touches],
             "causes": [
                 {
@@ -171,7 +183,9 @@ class TouchesResult(Result):
         return f"the socket {name}".strip() if kind == "socket" else _BY_NAME[kind]
 
     def words(self) -> str:
-        """Say in a sentence whether anything moved, what, and by how much."""
+        """Say in a sentence what is wrong with the readings; else whether anything moved, what, and by how much."""
+        if self.findings:
+            return phrase(self.findings[0].check)
         change = self.scan.change
         if change is None:
             if self.scan.tested:
@@ -213,6 +227,7 @@ def verified_touches(options: VerifyOptions, calibrated: CalibrationRun, read: M
     Raises:
         LabError: the rows make no daily checks.
     """
+    read, findings = _read_as_accepted(options, calibrated, read)
     days, rows, table = _checks_by_day(options, calibrated, read)
     labels = sockets_of(rows, table[0].tolist())
     arm, values = calibrated.estimate.geometry
@@ -229,9 +244,30 @@ def verified_touches(options: VerifyOptions, calibrated: CalibrationRun, read: M
         f"a bad touch on {days[i]}: that check raised an alarm, and the next was as those before; it is left out"
         for i in scan.bad_touches
     ]
-    return TouchesResult(
-        options, calibrated, days, errors, labels, tests.distinctions(errors[unchanged]), scan, tuple(warnings)
-    )
+    distinctions = tests.distinctions(errors[unchanged])
+    return TouchesResult(options, calibrated, days, errors, labels, distinctions, scan, findings, tuple(warnings))
+
+
+def _read_as_accepted(
+    options: VerifyOptions, calibrated: CalibrationRun, read: Measurements
+) -> tuple[Measurements, tuple[Finding, ...]]:
+    """Find mistakes of reading by the calibrated arm; return the rows with those accepted undone, and the others.
+
+    A socket that moved is no mistake of reading: the checks find it.
+    """
+    arm, values = calibrated.estimate.geometry
+    one = calibrated.robot.arm(arm.targets[:1])
+    rows = read.only("calibrate", "reference", "test")
+    count = len(rows)
+    sockets = {"location": tuple(name or _UNNAMED for name in sockets_of(rows, range(count))), "socket": ("-",) * count}
+    task = replace(rows, targets=(), points=np.empty((count, 0, 3)), other={**rows.other, **sockets})
+    gross = gross_mistakes(SocketSensor(), one, task, values[[arm.names.index(name) for name in one.names]])
+    found = tuple(each for each in gross.findings if not each.name.endswith("_moved"))
+    task, gross = read_as_accepted(task, replace(gross, findings=found), options.accept)
+    if options.accept:
+        names = tuple(name.replace(_UNNAMED, "") for name in task.other["location"])
+        read = replace(task, other={**rows.other, "location": names, "socket": ("",) * count})
+    return read, gross.findings
 
 
 def _checks_by_day(

@@ -26,7 +26,7 @@ __all__ = ["plan_touches", "verification_of", "verify", "verify_touches"]
 
 
 _OF_TOUCHES = ("reference", "since")  # options that only daily touches have a use for
-_OF_POINTS = ("refit", "accept", "instrument", "noise_mm")
+_OF_POINTS = ("refit", "instrument", "noise_mm")
 
 
 @takes(VerifyOptions, unused=("observe", "plan", *_OF_TOUCHES), file="measurements")
@@ -77,7 +77,7 @@ def verify_touches(
             options in one object.
         measurements: all touches so far, a CSV file or in memory: joint positions with a ball in the socket, the day of
             each row in ``session`` (YYYY-MM-DD).
-        options: those of ``lab verify`` for touches, by name: ``reference``, ``since``, ``force``.
+        options: those of ``lab verify`` for touches, by name: ``reference``, ``since``, ``accept``, ``force``.
 
     Returns:
         Whether the checks repeat as the first ones did, and which joint, base or tool would explain a change.
@@ -100,7 +100,9 @@ def verify_touches(
     return verified_touches(new.options, new.calibrated, new.touches())
 
 
-@takes(VerifyOptions, unused=("observe", "require", *_OF_POINTS, *_OF_TOUCHES), file="measurements", plan="count")
+@takes(
+    VerifyOptions, unused=("observe", "require", "accept", *_OF_POINTS, *_OF_TOUCHES), file="measurements", plan="count"
+)
 def plan_touches(
     run: "str | Path | CalibrationResult | VerifyOptions",
     measurements: str | Path | Measurements | None = None,

@@ -176,8 +176,7 @@ class VerifyOptions:
     def refuse_others(self, *, touches: bool) -> None:
         """Refuse options of measured points for touches, and the other way round, with a LabError."""
         if touches:
-            given = {"refit": self.refit, "accept": self.accept}
-            given, what = {**given, "instrument": self.instrument, "noise-mm": self.noise_mm}, "points"
+            given, what = {"refit": self.refit, "instrument": self.instrument, "noise-mm": self.noise_mm}, "points"
         else:
             given, what = {"reference": self.reference, "since": self.since, "plan": self.plan}, "touches of a socket"
         if stray := [name for name, value in given.items() if value not in (None, ())]:

@@ -24,7 +24,10 @@ from lab.robots.load_robot import load_robot
 from lab.robots.robot_files import own_models
 from lab.verdict.fitted import Fitted
 
-__all__ = ["accepted_of", "checks_of", "diagnosed", "gross_of", "misread_points", "rms_m", "undone", "with_fitted"]
+__all__ = [
+    "accepted_of", "checks_of", "diagnosed", "gross_of", "misread_points", "read_as_accepted", "rms_m",
+    "undone", "with_fitted",
+]  # fmt: skip
 
 _MISTAKES = ("gear", "coupling", "drift", "growth")  # effects that are hypotheses of mistakes, too
 _GROUP_OF = {"drift": "drift", "joint_coupling": "coupling"}  # that fits a mistake
@@ -79,6 +82,22 @@ def accepted_of(findings: Sequence[Finding], accept: Sequence[str]) -> tuple[Fin
             + (f"found: {keys}" if keys else "leave it out")
         )
     return tuple(each.as_accepted() if {each.name, each.hypothesis.key} & set(accept) else each for each in findings)
+
+
+def read_as_accepted(data: Measurements, gross: Gross, accept: Sequence[str]) -> tuple[Measurements, Gross]:
+    """Return measurements with the mistakes undone that a user accepts by name, and those that are left.
+
+    Raises:
+        LabError: a name is of no mistake.
+    """
+    left = list[Finding]()
+    for finding in accepted_of(gross.findings, accept):
+        correct = finding.hypothesis.corrected
+        if finding.accepted and correct is not None:
+            data = correct(data)
+        else:
+            left.append(finding)
+    return data, replace(gross, findings=tuple(left))
 
 
 def undone(data: Measurements, sensor: ArmSensor, findings: Sequence[Finding]) -> tuple[Measurements, ArmSensor]:

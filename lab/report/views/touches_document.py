@@ -34,6 +34,8 @@ def touches_document(result: TouchesResult) -> doc.Document:
             "note",
         ),
     ]  # fmt: skip
+    if result.findings:
+        change = None  # of wrong readings
     if change is not None and len(change.candidates) == 1 and change.explained:
         blocks.append(doc.Paragraph(sentence(_ADVICE[change.candidates[0].cause.kind])))
     elif change is not None:

@@ -1,6 +1,7 @@
 """``lab verify``: daily touches of a socket by a virtual arm that MuJoCo moves."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -56,6 +57,26 @@ def test_a_joint_that_looks_like_the_tool_is_doubtful(calibrated: lab.Calibratio
     assert result.verdict == "doubtful" and result.exit_code == 0
     kinds = {(each["kind"], each["name"]) for each in result.to_dict()["change"]["causes"]}
     assert kinds == {("joint", "q6"), ("tool", "")}
+
+
+WRONG = {  # how joint positions may be misread, and what says so
+    "joint_sign": ("q2", lambda joints: joints * [1, -1, 1, 1, 1, 1]),
+    "joints_exchanged": ("q2", lambda joints: joints[:, [0, 2, 1, 3, 4, 5]]),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_misread_joints_are_named_though_every_check_repeats(calibrated: lab.CalibrationResult, name: str) -> None:
+    """Wrong in the same way each day, touches repeat as well as ever: only the arm tells. Undone, all is as it was."""
+    of, wrong = WRONG[name]
+    right = daily(12)
+    result = lab.verify_touches(calibrated, replace(right, joints=wrong(right.joints)))
+    assert result.verdict == "bad" and result.exit_code == 1 and result.scan.change is None
+    assert result.to_dict()["situation"]["kind"] == name.replace("_", " ")
+    assert f"--accept {name}:{of}" in result.words()
+    accepted = lab.verify_touches(calibrated, replace(right, joints=wrong(right.joints)), accept=(name,))
+    assert accepted.verdict == "good" and accepted.to_dict()["situation"] is None
+    np.testing.assert_allclose(accepted.errors, lab.verify_touches(calibrated, right).errors, atol=1e-12)
 
 
 def test_few_checks_are_not_judged_and_since_begins_anew(
