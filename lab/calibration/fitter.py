@@ -29,7 +29,6 @@ from lab.kinematics.effects.backlash import approached_groups
 from lab.kinematics.effects.effect import CHANGING_WITH_TIME, ArmFacts, SessionInfo, Step
 from lab.kinematics.effects.effect_registry import expected_terms, searched_terms
 from lab.kinematics.effects.range_errors import CONSTANT
-from lab.kinematics.effects.steps import STEP_GROUPS
 from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.model import Model, RigidArm
 from lab.noise.error_model import ErrorModel
@@ -151,13 +150,8 @@ class Fitter:
 
     def _arm_with(self, groups: Sequence[str]) -> Arm:
         if (key := tuple(groups)) not in self._arms:
-            self._arms[key] = self.robot.arm_with(self.targets, (*groups, *self.stepping), self.session)
+            self._arms[key] = self.robot.arm_with(self.targets, groups, self.session)
         return self._arms[key]
-
-    @property
-    def stepping(self) -> tuple[str, ...]:
-        """Groups of the steps, which are in each model beside those of effects."""
-        return tuple(dict.fromkeys(STEP_GROUPS[step.kind] for step in self.steps))
 
     @cached_property
     def session(self) -> SessionInfo:

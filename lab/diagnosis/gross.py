@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, evenly
@@ -16,7 +17,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.diagnosis.hypothesis import Diagnosable, Finding, Hypothesis, MeasuresOrientations, hypotheses_of
 from lab.diagnosis.placement import Placement, placed, refined
-from lab.diagnosis.reading_mistakes import joint_mistakes, point_mistakes, row_mistakes
+from lab.diagnosis.reading_mistakes import joint_mistakes, point_mistakes, row_mistakes, zero_mistakes
 from lab.kinematics.model import RigidArm
 
 __all__ = ["Gross", "gross_mistakes"]
@@ -31,7 +32,8 @@ _FEW_ROWS, _MOST_ROWS = 40, 120  # by which hypotheses are compared: placed alon
 _REFINED = 8  # hypotheses
 _LARGE, _FAR = 3e-3, 8.0  # m of the median miss, and times it of the largest: below both nothing is searched
 _STRANGE_PRICE = 8.0  # nats of the links' distance from nominal: one of them is far beyond any tolerance
-_ROBOT = 3.0  # nats of the choice of another robot
+_MOST_OUTLIERS, _MOVED_ROWS = 0.3, 3  # share of rows, and rows in succession at an end that are no outliers
+_ROBOT = 15.0  # nats of the choice of another robot
 
 
 @dataclass(frozen=True)
@@ -142,8 +144,22 @@ def gross_mistakes(
         findings.append(found[0])
         task, here = task.by(found[0].hypothesis), found[1]
     limit = _FAR * max(here.ordinary_m, _SCALES_M[0])
-    outliers = tuple(name for name, miss in zip(data.ids, here.misses, strict=True) if miss > limit)
-    return Gross(tuple(findings), here.data, outliers if len(outliers) < len(data) / 2 else (), first.misses)
+    far = _alone(np.nan_to_num(here.misses, nan=0.0) > limit)
+    outliers = tuple(name for name, outlying in zip(data.ids, far, strict=True) if outlying)
+    return Gross(tuple(findings), here.data, outliers, first.misses)
+
+
+def _alone(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which rows are outliers: not those of half of all, nor those at an end, where something has moved."""
+    if far.mean() >= _MOST_OUTLIERS:
+        return np.zeros_like(far)
+    alone = far.copy()
+    for rows in (slice(None), slice(None, None, -1)):
+        inner = far[rows]
+        length = int(np.argmin(inner))  # rows at this end that are all far
+        if length >= _MOVED_ROWS:
+            alone[rows][:length] = False
+    return alone
 
 
 @dataclass(frozen=True)
@@ -217,11 +233,13 @@ class _Task:
         known = list(hypotheses_of(self.sensor, self.arm, here.data))
         if self._by_sensor and here.is_mostly_sound:  # what is wrong with all rows does not explain a few
             return known
-        known += joint_mistakes(self.arm.chain, here.data)
-        if not self._by_sensor:
-            known += point_mistakes()
-            known += row_mistakes(here.data, here.placement, here.ordinary_m)
-        return known
+        whole = list(joint_mistakes(self.arm.chain, here.data))
+        if self._by_sensor:
+            return known + whole
+        whole += point_mistakes()
+        known += zero_mistakes(self.arm, here.data, self.nominal, here.placement)
+        known += row_mistakes(self.arm, here.data, here.placement, here.ordinary_m, whole)
+        return known + whole
 
     def _gain(self, hypothesis: Hypothesis, here: _Reading, base: _Reading, rows: int) -> float:
         """Return by how much a hypothesis shortens the description of so many rows (nats).

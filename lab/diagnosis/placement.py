@@ -22,7 +22,7 @@ __all__ = ["Placement", "placed", "refined", "row_misses"]
 
 _SUBSETS, _SUBSET_ROWS = 16, 7
 _RIDGE = 1e-6  # of the mean diagonal: subsets in which targets do not show stay solvable
-_STEPS = 6
+_STEPS = 9
 _NOISE_M = 0.5e-3  # beside which tolerances bound the links
 _TOLERANCES = 2.0  # standard deviation of the links, in tolerances
 _LEAST_SCALE_M = 1e-3  # of the misses that a refinement takes as ordinary

@@ -1,6 +1,6 @@
 """Discrete mistakes in how joint positions and points were read: units, signs, exchanges, shifts of rows."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations, permutations
@@ -10,18 +10,23 @@ from numpy.typing import NDArray
 
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
-from lab.diagnosis.hypothesis import Hypothesis
+from lab.diagnosis.hypothesis import Correction, Hypothesis
 from lab.diagnosis.placement import Placement, row_misses
 from lab.kinematics.joints import JointSpec
+from lab.kinematics.model import RigidArm
 
-__all__ = ["joint_mistakes", "point_mistakes", "row_mistakes"]
+__all__ = ["joint_mistakes", "point_mistakes", "row_mistakes", "zero_mistakes"]
 
+_MOST_SIGNS = 3  # joints that are counted the other way at once
 _SHIFTS = (1, -1, 2, -2, 3, -3)
 _QUARTERS = (1, 2, -1)  # quarter turns by which a zero is wrong
 _LENGTH_UNITS = (("mm", 1e-3), ("m", 1e3), ("inches", 0.0254), ("inches", 25.4), ("cm", 0.01), ("cm", 10.0))
 _MOST_SWAPPED = 12  # rows far off, of which pairs are tried
 _CLEARLY = 3.0  # times as small a miss, of a row that is read otherwise
 _MOST_TARGETS = 4  # of which exchanges are tried
+_FAR_ZERO = 0.05  # rad, m
+_LEAST_STUCK, _MOSTLY = 3, 0.8  # rows in which a reading stays, and the share of them that a moving joint explains
+_STARTS, _STUCK_STEPS, _DIFFERENCE = 8, 6, 1e-6
 
 
 def joint_mistakes(joints: JointSpec, data: Measurements) -> Iterator[Hypothesis]:
@@ -35,10 +40,15 @@ def joint_mistakes(joints: JointSpec, data: Measurements) -> Iterator[Hypothesis
     for given, factor in (("degrees", np.pi / 180), ("rad", 180 / np.pi)):
         factors = np.where(turning, factor, 1.0)
         yield Hypothesis("joint_unit", (given,), 2, changed(lambda q, f=factors: q * f))
-    moved = np.ptp(data.joints, axis=0) > 0
-    for j in np.flatnonzero(moved):
-        sign = np.where(np.arange(count) == j, -1.0, 1.0)
-        yield Hypothesis("joint_sign", (names[j],), count, changed(lambda q, s=sign: q * s))
+        for j in np.flatnonzero(turning):
+            alone = np.where(np.arange(count) == j, factor, 1.0)
+            yield Hypothesis("joint_unit", (given, names[j]), 2 * count, changed(lambda q, f=alone: q * f))
+    moved = np.flatnonzero(np.ptp(data.joints, axis=0) > 0).tolist()
+    for several in range(1, _MOST_SIGNS + 1):
+        for negated in combinations(moved, several):
+            signs = np.where(np.isin(np.arange(count), negated), -1.0, 1.0)
+            of = tuple(names[j] for j in negated)
+            yield Hypothesis("joint_sign", of, float(count**several), changed(lambda q, s=signs: q * s))
     for j in np.flatnonzero(turning):
         for quarters in _QUARTERS:
             offset = np.where(np.arange(count) == j, quarters * np.pi / 2, 0.0)
@@ -58,13 +68,12 @@ def joint_mistakes(joints: JointSpec, data: Measurements) -> Iterator[Hypothesis
     yield Hypothesis("joints_reversed", (), 1, changed(lambda q: q[:, ::-1]))
     yield Hypothesis("rows_reversed", (), 1, changed(lambda q: q[::-1]))
     for by in _SHIFTS:
-        yield Hypothesis("rows_shifted", (f"{by:+d}",), len(_SHIFTS), partial(_shifted, by=by, first=0))
+        yield Hypothesis("rows_shifted", (f"{by:+d}",), len(_SHIFTS), partial(_shifted, by=by))
 
 
-def _shifted(rows: Measurements, by: int, first: int) -> Measurements:
-    """Return the rows from one on with the joint positions of the rows ``by`` further; those at the end are skipped."""
-    number = np.arange(len(rows))
-    wanted = np.where(number >= first, number + by, number)
+def _shifted(rows: Measurements, by: int) -> Measurements:
+    """Return the rows with the joint positions of the rows ``by`` further; those at the end are skipped."""
+    wanted = np.arange(len(rows)) + by
     within = (wanted >= 0) & (wanted < len(rows))
     use = tuple(use if inside else "skip" for use, inside in zip(rows.use, within, strict=True))
     return replace(rows, joints=rows.joints[np.clip(wanted, 0, len(rows) - 1)], use=use)
@@ -82,59 +91,86 @@ def point_mistakes() -> Iterator[Hypothesis]:
     yield Hypothesis("points_mirrored", (), 1, partial(scaled, by=np.array([-1.0, 1.0, 1.0])))
 
 
-def row_mistakes(data: Measurements, at: Placement, ordinary_m: float) -> Iterator[Hypothesis]:
+def zero_mistakes(arm: RigidArm, data: Measurements, nominal: Array, at: Placement) -> Iterator[Hypothesis]:
+    """Yield zeros of joints that a refined placement finds far off."""
+    directions = arm.joint_derivatives(np.eye(len(nominal)))  # (p, joints)
+    offsets = (at.values - nominal) @ directions / np.maximum((directions**2).sum(axis=0), 1e-300)
+    for j in np.flatnonzero(np.abs(offsets) > _FAR_ZERO):
+        offset = np.eye(len(offsets))[j] * offsets[j]
+        corrected = partial(_moved, by=offset)
+        of, size = data.joint_names[j], float(offsets[j])
+        yield Hypothesis("joint_zero", (of,), 10 * len(offsets), corrected, data=(("offset_rad", size),))
+
+
+def _moved(rows: Measurements, by: Array) -> Measurements:
+    return replace(rows, joints=rows.joints + by)
+
+
+def row_mistakes(
+    arm: RigidArm, data: Measurements, at: Placement, ordinary_m: float, whole: Sequence[Hypothesis]
+) -> Iterator[Hypothesis]:
     """Yield mistakes of single rows, and of all rows from one on, by how a placed arm misses them read otherwise.
 
     Args:
         data: points of the rows.
         at: the arm, placed among most of them.
         ordinary_m: a miss that a sound row has.
+        whole: mistakes of all rows, which may be of a part of them.
     """
     far = at.misses > _CLEARLY * ordinary_m
+    if not far.any():
+        return
+    for hypothesis in (*whole, *_exchanged_targets(data)):
+        assert hypothesis.corrected is not None
+        read = hypothesis.corrected(data)
+        same = read.joints is data.joints
+        predicted = at.predicted if same else arm.points(read.joints, at.values)
+        better = far & (_CLEARLY * row_misses(read.points, predicted) < at.misses)
+        yield from _in_a_part(hypothesis, data, better)
+    yield from _exchanged_rows(data, at, far)
+    yield from _stuck(arm, data, at, far)
+
+
+def _exchanged_targets(data: Measurements) -> Iterator[Hypothesis]:
+    """Yield exchanges of targets, which show where they are in some of the rows."""
     for order in permutations(range(min(len(data.targets), _MOST_TARGETS))):
         if list(order) == sorted(order):
             continue
         whole = [*order, *range(len(order), len(data.targets))]
-        misses = row_misses(data.points[:, whole], at.predicted)
         names = tuple(data.targets[k] for k in range(len(whole)) if whole[k] != k)
-        yield from _exchanged_targets(data, at, misses, far, (whole, names))
-    for by in (1, -1):
-        yield from _shifted_from(data, at, by, far)
-    yield from _exchanged_rows(data, at, far)
+
+        def read(rows: Measurements, order: Sequence[int] = whole) -> Measurements:
+            return replace(rows, points=rows.points[:, list(order)])
+
+        yield Hypothesis("targets_exchanged", names, 1, read)
 
 
-def _exchanged_targets(
-    data: Measurements,
-    at: Placement,
-    misses: Array,
-    far: NDArray[np.bool_],
-    exchange: tuple[list[int], tuple[str, ...]],
-) -> Iterator[Hypothesis]:
-    """Yield targets that are exchanged in some rows, or in all from a row on."""
-    order, names = exchange
-    better = far & (_CLEARLY * misses < at.misses)
-    if not better.any():
-        return
+def _in_a_part(of: Hypothesis, data: Measurements, better: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """Yield a mistake in the rows from one on, or up to one; of targets, in single rows, too."""
+    n, number, count = len(data), np.arange(len(data)), int(better.sum())
+    if (cut := _stretch(better)) is not None and cut != (0, n - 1):
+        which = (number >= cut[0]) & (number <= cut[1])
+        ids = data.ids[cut[0]], data.ids[cut[1]]
+        told = (*of.data, ("rows", int(which.sum())))
+        part = partial(_read_in_part, of.corrected, which)
+        yield Hypothesis(of.name, (*of.of, *ids), n * of.alternatives, part, data=told)
+    if of.name == "targets_exchanged" and 0 < count < n / 2:
+        ids = tuple(data.ids[i] for i in np.flatnonzero(better))
+        part = partial(_read_in_part, of.corrected, better)
+        told = (("targets", len(of.of)),)
+        yield Hypothesis("targets_exchanged_once", (*of.of, *ids), float(n) ** count, part, data=told)
 
-    def read(rows: Measurements, which: NDArray[np.bool_]) -> Measurements:
-        return replace(rows, points=np.where(which[:, None, None], rows.points[:, order], rows.points))
 
-    n, ids = len(data), data.ids
-    if (cut := _stretch(better)) is not None:
-        first, last = cut
-        which = (np.arange(n) >= first) & (np.arange(n) <= last)
-        of = (*names, ids[first], ids[last])
-        yield Hypothesis("targets_exchanged", of, n, partial(read, which=which), data=(("rows", int(which.sum())),))
-    if better.mean() < 0.5:
-        of = (*names, *(ids[i] for i in np.flatnonzero(better)))
-        count = int(better.sum())
-        yield Hypothesis(
-            "targets_exchanged_once",
-            of,
-            float(n) ** count,
-            partial(read, which=better),
-            data=(("targets", len(names)),),
-        )
+def _read_in_part(correct: Correction, which: NDArray[np.bool_], rows: Measurements) -> Measurements:
+    """Return the rows, some of them read otherwise."""
+    read = correct(rows)
+    use = tuple(one if here else other for one, other, here in zip(read.use, rows.use, which, strict=True))
+    return replace(
+        rows,
+        joints=np.where(which[:, None], read.joints, rows.joints),
+        points=np.where(which[:, None, None], read.points, rows.points),
+        use=use,
+    )
 
 
 def _stretch(better: NDArray[np.bool_]) -> tuple[int, int] | None:
@@ -146,16 +182,6 @@ def _stretch(better: NDArray[np.bool_]) -> tuple[int, int] | None:
     if max(from_row[first], to_row[last]) < 2:
         return None
     return (first, n - 1) if from_row[first] >= to_row[last] else (0, last)
-
-
-def _shifted_from(data: Measurements, at: Placement, by: int, far: NDArray[np.bool_]) -> Iterator[Hypothesis]:
-    """Yield rows that are shifted from one of them on, where a row is missing or twice there."""
-    n = len(data)
-    wanted = np.clip(np.arange(n) + by, 0, n - 1)
-    better = far & (_CLEARLY * row_misses(data.points, at.predicted[wanted]) < at.misses)
-    if (cut := _stretch(better)) is not None and cut[0] > 0:
-        of = (f"{by:+d}", data.ids[cut[0]])
-        yield Hypothesis("rows_shifted_from", of, 2 * n, partial(_shifted, by=by, first=cut[0]))
 
 
 def _exchanged_rows(data: Measurements, at: Placement, far: NDArray[np.bool_]) -> Iterator[Hypothesis]:
@@ -173,3 +199,44 @@ def _exchanged_rows(data: Measurements, at: Placement, far: NDArray[np.bool_]) -
         if (_CLEARLY * exchanged < at.misses[[i, j]]).all():
             of = data.ids[i], data.ids[j]
             yield Hypothesis("rows_exchanged", of, len(data) ** 2, partial(read, pair=(i, j)))
+
+
+def _stuck(arm: RigidArm, data: Measurements, at: Placement, far: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """Yield joints whose reading stays where it is while the joint moves; its positions follow from the points."""
+    for j, name in enumerate(data.joint_names):
+        still = np.concatenate([[False], np.diff(data.joints[:, j]) == 0])
+        which = far & (still | np.append(still[1:], False))
+        if which.sum() < _LEAST_STUCK or which.all():
+            continue
+        joints = data.joints.copy()
+        joints[which, j] = _followed(arm, data.points[which], joints[which], j, at)
+        better = _CLEARLY * row_misses(data.points[which], arm.points(joints[which], at.values)) < at.misses[which]
+        if better.mean() > _MOSTLY:
+            ids = [data.ids[i] for i in np.flatnonzero(which)]
+            told = (("rows", int(which.sum())),)
+            solved = partial(_with_joint, which=which, joint=j, positions=joints[which, j])
+            yield Hypothesis("joint_stuck", (name, ids[0], ids[-1]), len(data) ** 2, solved, data=told)
+
+
+def _with_joint(rows: Measurements, which: NDArray[np.bool_], joint: int, positions: Array) -> Measurements:
+    joints = rows.joints.copy()
+    joints[which, joint] = positions
+    return replace(rows, joints=joints)
+
+
+def _followed(arm: RigidArm, points: Array, joints: Array, joint: int, at: Placement) -> Array:
+    """Return the position ``(m,)`` of one joint at which points are nearest, by Gauss-Newton from several starts."""
+    best, misses = joints[:, joint], row_misses(points, arm.points(joints, at.values))
+    for start in np.linspace(-np.pi, np.pi, _STARTS, endpoint=False):
+        tried = joints.copy()
+        tried[:, joint] += start
+        for _ in range(_STUCK_STEPS):
+            ahead = tried + _DIFFERENCE * np.eye(joints.shape[1])[joint]
+            predicted = arm.points(tried, at.values)
+            slope = np.nan_to_num((arm.points(ahead, at.values) - predicted) / _DIFFERENCE) * np.isfinite(points)
+            left = np.nan_to_num(points - predicted)
+            step = (slope * left).sum(axis=(1, 2)) / np.maximum((slope**2).sum(axis=(1, 2)), 1e-12)
+            tried[:, joint] += np.clip(step, -0.5, 0.5)
+        own = row_misses(points, arm.points(tried, at.values))
+        best, misses = np.where(own < misses, tried[:, joint], best), np.fmin(own, misses)
+    return best

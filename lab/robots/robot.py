@@ -23,6 +23,7 @@ from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.effect_registry import effect
 from lab.kinematics.effects.range_errors import range_errors
 from lab.kinematics.effects.sessions import stations
+from lab.kinematics.effects.steps import steps
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.serial_arm import DEFAULT_TOOL, SerialArm
@@ -180,7 +181,7 @@ class Robot(Value, ArmOnArrays):
         """
         named = [effect(name, self.chain, self.loads, session, moving=moving) for name in groups]
         of_instrument = *stations(session.stations), *range_errors(session.range_prior)
-        return affected(self.arm(targets), [*of_instrument, *named])
+        return affected(self.arm(targets), [*of_instrument, *steps(session.steps, self.chain.size), *named])
 
     def _compiled(self, targets: tuple[str, ...] | None) -> ArrayArm:
         """Build the nominal model, its base at the origin; all targets of the tool unless some are named."""

@@ -18,7 +18,7 @@ from lab.diagnosis.fine import fine_mistakes
 from lab.diagnosis.gross import Gross, gross_mistakes
 from lab.diagnosis.hypothesis import Diagnosable, Finding
 from lab.kinematics.effects.effect import Step
-from lab.kinematics.effects.steps import STEP_GROUPS
+from lab.kinematics.effects.steps import STEPS
 from lab.kinematics.model import RigidArm
 from lab.robots.load_robot import load_robot
 from lab.robots.robot_files import own_models
@@ -117,7 +117,7 @@ def diagnosed(state: Fitted) -> Fitted:
 
     Needs: ``given``. Adds: ``diagnosis``; ``fitter`` has the steps.
     """
-    fitter, rows = state.fitter, _all_rows(state)
+    fitter, rows = state.fitter, _all_rows(state).without(state.far)
     try:
         found = fitter.identified_with(rows, (), ())
     except LabError:  # the fit itself says why
@@ -149,9 +149,7 @@ def diagnosed(state: Fitted) -> Fitted:
 def _with_residuals(findings: Sequence[Finding], found: Identification, beside: Identification) -> tuple[Finding, ...]:
     """Return the findings, the steps among them with the error of the fit without all steps and with them."""
     before_m, after_m = rms_m(found), rms_m(beside)
-    return tuple(
-        replace(each, before_m=before_m, after_m=after_m) if each.name in STEP_GROUPS else each for each in findings
-    )
+    return tuple(replace(each, before_m=before_m, after_m=after_m) if each.name in STEPS else each for each in findings)
 
 
 def rms_m(found: Identification) -> float:
@@ -172,7 +170,7 @@ def with_fitted(findings: Sequence[Finding], left_m: float, groups: Sequence[str
         return _GROUP_OF.get(each.name) in groups or each.explains_m**2 * _MOSTLY > left_m**2
 
     return tuple(
-        each.as_accepted() if not each.is_discrete and each.name not in STEP_GROUPS and is_fitted(each) else each
+        each.as_accepted() if not each.is_discrete and each.name not in STEPS and is_fitted(each) else each
         for each in findings
     )
 
@@ -203,7 +201,7 @@ def _step(finding: Finding, rows: Measurements, given: Measurements) -> Step | N
 
     A step that too few of the given rows are before, or after, cannot be fitted: rows held out are beyond it.
     """
-    if finding.name not in STEP_GROUPS:
+    if finding.name not in STEPS:
         return None
     last, first = finding.hypothesis.of[-2:]
     places = dict(zip(rows.ids, rows.places.tolist(), strict=True))

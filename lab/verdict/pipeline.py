@@ -263,7 +263,7 @@ def _find_mistakes(state: Fitted) -> Fitted:
         data, sensor = undone(fitter.data, fitter.kind, findings)
         again = start(fitter.robot, data, sensor, fitter.noise, fitter.options, judging, seed=fitter.seed)
         state = replace(again, source=state.source, progress=state.progress, checks=state.checks)
-    state = replace(state, diagnosis=findings)
+    state = replace(state, diagnosis=findings, far=() if gross is None else gross.outliers)
     if gross is None or not state.misread:
         return state
     plain = replace(fitter.options, groups=(), search=False, residual=False, robust=False)

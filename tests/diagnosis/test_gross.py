@@ -115,8 +115,8 @@ def test_a_missing_row_shifts_those_behind_it() -> None:
     rows = lab.simulate("ur5e", poses=40, seed=5).measurements
     shifted = np.concatenate([rows.joints[:25], rows.joints[26:], rows.joints[-1:]])
     (finding,) = diagnosed("ur5e", replace(rows, joints=shifted)).findings
-    assert finding.name == "rows_shifted_from"
-    assert finding.hypothesis.of == ("-1", "26")
+    assert finding.name == "rows_shifted"
+    assert finding.hypothesis.of == ("-1", "26", "39")
 
 
 def test_two_mistakes_are_undone_one_after_the_other() -> None:

@@ -36,7 +36,6 @@ from lab.kinematics.effects.own import fitted_own, own_function
 from lab.kinematics.effects.range_errors import RangeErrors
 from lab.kinematics.effects.readings import BadReadings, EncoderRounding, InstrumentNoise, Repeatability
 from lab.kinematics.effects.sessions import Bump, Duration, Payloads
-from lab.kinematics.effects.steps import Steps
 from lab.kinematics.effects.temperature import Drift, Growth, Temperature, ZerosByTemperature
 from lab.kinematics.joints import JointSpec
 
@@ -85,7 +84,6 @@ EFFECTS: tuple[type[VirtualEffect], ...] = (
     Temperature,
     ZerosByTemperature,
     CrossHarmonics,
-    Steps,
     RangeErrors,
 )  # in the order of options, groups and random substreams: a new one goes to the end, so that the draws of others stay
 

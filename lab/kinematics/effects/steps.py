@@ -4,45 +4,46 @@ The parameters are of the rows before a step: the arm without them is the one af
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 
-from lab.core.errors import LabError, option_name
 from lab.core.measurements import BEFORE
 from lab.core.se3 import Array
-from lab.kinematics.effects.effect import AXES, ArmFacts, Effect, FittedGroup, Moves, SimulatedEffect, VirtualEffect
+from lab.kinematics.effects.effect import AXES, Effect, Moves, Step
 from lab.kinematics.parameter import Parameter, joint_parameter, placed_parameters
 
-__all__ = ["STEP_GROUPS", "Steps"]
+__all__ = ["STEPS", "steps"]
 
-STEP_GROUPS = {"base_step": "base_steps", "tool_step": "tool_steps", "joint_step": "joint_steps"}
-"""Fitted groups of steps by what moved."""
+STEPS = ("base_step", "tool_step", "joint_step")
+"""What may have moved; each is the name of a group of parameters, too."""
 _MOVES: dict[str, Moves] = {"base_step": "frame", "tool_step": "links", "joint_step": "joints"}
 _FRAME, _TORSOR = 7, 6
 
 
-def _fitted(kind: str, arm: ArmFacts) -> Effect:
-    """Return the fitted group of all steps of one kind."""
-    numbered = [(i, step) for i, step in enumerate(arm.sessions.steps, start=1) if step.kind == kind]
-    if not numbered:
-        raise LabError(f"{option_name('model')} {STEP_GROUPS[kind]}: no such step was found in these measurements")
-    group = STEP_GROUPS[kind]
-    parameters = tuple(each for i, step in numbered for each in _parameters(group, kind, i, step.joint))
-    rows = {"base_step": _FRAME, "tool_step": _TORSOR, "joint_step": arm.chain.size}[kind]
+def steps(found: Sequence[Step], joints: int) -> tuple[Effect, ...]:
+    """Return the groups of what moved between the rows of a campaign; none where nothing did."""
+    kinds = dict.fromkeys(step.kind for step in found)
+    return tuple(_steps(kind, tuple(found), joints) for kind in kinds)
+
+
+def _steps(kind: str, found: tuple[Step, ...], joints: int) -> Effect:
+    """Return the group of all steps of one kind."""
+    numbered = [(i, step) for i, step in enumerate(found, start=1) if step.kind == kind]
+    parameters = tuple(each for i, step in numbered for each in _parameters(kind, i, step.joint))
+    rows = {"base_step": _FRAME, "tool_step": _TORSOR, "joint_step": joints}[kind]
     offsets = partial(_offsets, [_directions(kind, rows, step.joint) for _, step in numbered])
     conditions = tuple(f"{BEFORE}{step.place!r}" for _, step in numbered)
-    links = (arm.chain.size - 1,) if kind == "tool_step" else ()
-    return Effect(group, parameters, offsets, conditions, _MOVES[kind], links=links)
+    links = (joints - 1,) if kind == "tool_step" else ()
+    again = partial(_steps, kind, found, joints)
+    return Effect(kind, parameters, offsets, conditions, _MOVES[kind], links=links, made_by=again)
 
 
-def _parameters(group: str, kind: str, number: int, joint: int) -> tuple[Parameter, ...]:
+def _parameters(kind: str, number: int, joint: int) -> tuple[Parameter, ...]:
     if kind == "joint_step":
-        return (joint_parameter(group, joint, f"step{number}"),)
+        return (joint_parameter(kind, joint, f"step{number}"),)
     axes = AXES if kind == "base_step" else AXES[:3]
-    return placed_parameters(f"step{number}", group, axes, scaled=True)
+    return placed_parameters(f"step{number}", kind, axes, scaled=True)
 
 
 def _directions(kind: str, rows: int, joint: int) -> Array:
@@ -57,17 +58,3 @@ def _offsets(moved: Sequence[Array], _: Array, before: Array, values: Array) -> 
     columns = [before[:, i, None, None] * directions for i, directions in enumerate(moved)]
     derivative = np.concatenate(columns, axis=2)
     return derivative @ values, derivative
-
-
-@dataclass(frozen=True)
-class Steps(VirtualEffect):
-    """Steps of a campaign, which the diagnosis finds in its rows; a virtual arm has ``Bump``."""
-
-    groups: ClassVar[tuple[FittedGroup, ...]] = tuple(
-        FittedGroup(group, partial(_fitted, kind), "found by the diagnosis", of_one_campaign=True, is_candidate=False)
-        for kind, group in STEP_GROUPS.items()
-    )
-
-    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Return no effect."""
-        return None
