@@ -397,7 +397,7 @@ class Fitter:
         task.refuse_unknown_wishes(self.options.candidates if self.options.search else groups)
         found, clean, outliers = self.identified(rows, groups)
         if not self.options.search:
-            model_with = self._weighted_as(found).model_with
+            model_with = self.weighted_as(found).model_with
             return follow(model_with, clean, self.nominal, groups, self.noise, self.fit_options, seed=self.seed)
         selection = self._chosen(found, clean)
         if outliers is None or not len(outliers.rows):
@@ -415,7 +415,7 @@ class Fitter:
         """
         selection, rows = None, thinned(rows, MOST_CHOSEN_BY)
         for _ in range(_BALANCINGS):
-            before, weighted = selection, self._weighted_as(found)
+            before, weighted = selection, self.weighted_as(found)
             tried = [name for name in self.approached(self.options.candidates) if not self.unanswerable(name)]
             selection = self._searched(weighted.model_with, rows, self.fit_options, tried)
             if weighted is self or (before and before.chosen == selection.chosen):
@@ -441,7 +441,8 @@ class Fitter:
                         return str(error)
         return ""
 
-    def _weighted_as(self, found: Identification) -> "Fitter":
+    def weighted_as(self, found: Identification) -> "Fitter":
+        """Return the fitter whose sensor has the weights of an identification, and estimates none."""
         kind = self.kind.weighted_as(found.model)
         return self if kind == self.kind else replace(self, kind=kind)
 

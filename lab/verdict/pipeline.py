@@ -479,7 +479,8 @@ def _validate(state: Fitted) -> Fitted:
     elif state.misread:  # as the parts of the rows would be
         return state
     else:
-        again = partial(state.fitter.predicting, groups=state.groups, fixed=state.unshown, process=state.process)
+        fitter = state.fitter.weighted_as(state.identification)  # weights of all rows, in place of those of each fold
+        again = partial(fitter.predicting, groups=state.groups, fixed=state.unshown, process=state.process)
         found = validate_folds(again, state.identification, state.given, state.fitter.seed, state.progress)
         found, checks = found.naming([pose.id for pose in state.outliers]), []
     return replace(state, validation=found).with_checks([*found.checks, *checks])
