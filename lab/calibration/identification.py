@@ -50,6 +50,7 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import SIZE, frame_rotations
 
 __all__ = [
+    "COLLAPSED",
     "PLAUSIBLE_SPREAD",
     "WEAK",
     "Identification",
@@ -69,6 +70,7 @@ _EXACT_M = 1e-9  # root mean square of points: moved by less, they are where the
 _UNMOVED = 0.1  # standard deviations of a reading, root mean square: moved by less, directions are as they were
 _SETTLED_NOISE, _NOISE_ROUNDS = 0.01, 3  # of itself, by which the noise that priors weigh by still changes
 _MOST_NAMED = 8  # weak parameters in a warning
+COLLAPSED = (20e-3, np.deg2rad(10))  # m and rad of a link from nominal: beyond, it is another arm's
 WEAK = 1e-3  # m or rad: a parameter with a larger standard deviation is weak
 PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the nominal model in the same poses
 
@@ -168,6 +170,21 @@ class Identification:
         """Groups that points place anew where no instrument's frame was observed: the base, and an unseen tool."""
         identified = any(self.model.parameters[i].group == "tool" for i in self.fit.free)
         return ("base",) if identified else ("base", "tool")
+
+    @property
+    def collapsed(self) -> tuple[str, ...]:
+        """Links that are those of another arm, where readings alone constrain their sizes: errors then shrink with it.
+
+        Contacts, pictures and lengths of a cable may be explained by an arm that hardly moves, or moves in a plane.
+        """
+        if observation_of(self.model).positions:
+            return ()
+        off, found = np.abs(self.values - self.nominal_aligned), list[tuple[float, str]]()
+        for parameter, size in zip(self.model.parameters, off.tolist(), strict=True):
+            most = COLLAPSED[parameter.is_angle]
+            if parameter.is_link and parameter.symbol != "theta" and not size <= most:
+                found.append((size / most, parameter.name))
+        return tuple(name for _, name in sorted(found, reverse=True))
 
     @property
     def lacks_size(self) -> bool:

@@ -172,6 +172,19 @@ def _convergence(check: Check) -> str:
     return f"Gauss-Newton did not converge: {why}"
 
 
+_MOST_COLLAPSED = 3  # links in a sentence
+
+
+def _collapsed(check: Check) -> str:
+    names = check.data["names"]
+    first, more = ", ".join(names[:_MOST_COLLAPSED]), len(names) - _MOST_COLLAPSED
+    others = f" and {counted(more, 'other')}" if more > 0 else ""
+    return (
+        f"the readings do not determine {first}{others}: the fit found those of another arm, "
+        "whose errors are small for any readings; they are not stated"
+    )
+
+
 def _identifiable(check: Check) -> str:
     names = check.data["names"]
     return f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} not identifiable from these poses"
@@ -342,10 +355,7 @@ PHRASES: Mapping[str, Phrase] = {
     ),
     "arm.convergence": _convergence,
     "arm.orientations": "measured orientations do not fit ({rms_rad:mrad}): wrong --orientation or columns?",
-    "arm.fixtures": (
-        "a link is estimated {change_m:mm} from its nominal length: these fixtures do not constrain the arm; wrong "
-        "columns or rows, or is --prior on needed?"
-    ),
+    "arm.collapsed": _collapsed,
     "arm.identifiable": _identifiable,
     "accuracy.validation": _validation,
     "accuracy.gate": _gate,
@@ -385,7 +395,7 @@ _NEXT_STEPS: Mapping[str, str] = {  # by the heaviest reason, or what its name b
     "given.scale": "Check the scale of the points (unit, air, temperature); then identify again.",
     "arm.convergence": f"Check robot and rows; if both are right, use {PRIOR}.",
     "arm.orientations": "Check --orientation and the columns of the orientations.",
-    "arm.fixtures": "Check the columns of the fixtures; if they are right, use --prior on.",
+    "arm.collapsed": "Read in more positions and directions, or identify with --prior on.",
     "arm.identifiable": _MORE,
     "arm": _WHOSE,
     "accuracy.validation": "Measure more poses, or give other measurements with --validate.",

