@@ -77,15 +77,15 @@ class Space:
         predicted: ``(n, k, d)``.
         placed: ``(k,)`` which things are positions (m).
         times: ``(n,)`` of the rows, over a span of one.
-        is_centred: whether base, tool and zeros are fitted: else mistakes are about the zero of joints and frame.
         base: ``(3,)`` place of the arm's base in it, about which the arm grows; None where nobody knows it.
+        is_centred: whether base, tool and zeros are fitted: else mistakes are about the zero of joints and frame.
     """
 
     predicted: Array
     placed: NDArray[np.bool_]
     times: Array
-    is_centred: bool = True
     base: Array | None = None
+    is_centred: bool = True
 
     def mistakes(self) -> Iterator[Hypothesis]:
         """Yield mistakes of the measured space: scale, shear, drift and growth."""

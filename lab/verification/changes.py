@@ -406,7 +406,8 @@ class _Comparison:
                 alike = sum(each.hypothesis.name == steps.hypothesis.name for each in of_steps)
                 yield steps.from_row(int(np.argmax(scores)), self.rows.ids, n * alike)
         # what lasts: zeros are movements already, and links that were not identified explain nothing
-        space = Space(predicted, np.ones(len(arm.targets), dtype=np.bool_), np.linspace(0, 1, n), is_centred=False)
+        base, placed = values[list(columns_of(arm, ("base",)))[:3]], np.ones(len(arm.targets), dtype=np.bool_)
+        space = Space(predicted, placed, np.linspace(0, 1, n), base, is_centred=False)
         lasting = lasting_mistakes(arm, jacobian, slopes, self.rows, space)
         free = {arm.names[i] for i in self.problem.prediction.free}
         for of in lasting:
