@@ -551,8 +551,7 @@ def _point_checks(state: Fitted) -> list[Check]:
     fitter, fit, inputs = state.fitter, state.weighted, state.observations.inputs
     if not only_positions(observation_of(fit.model)):
         return []
-    groups = (*state.groups, *fitter.stepping)
-    setup = check_setup(fitter.robot, fitter.kind, fitter.targets, groups, fit, inputs, fitter.session)
+    setup = check_setup(fitter.robot, fitter.kind, fitter.targets, state.groups, fit, inputs, fitter.session)
     return check_instrument(fitter.noise.instrument, state.rows.points) + setup
 
 
