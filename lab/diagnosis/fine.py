@@ -187,7 +187,8 @@ class _Search:
         since = (times - times.min()) / max(float(np.ptp(times)), 1e-12) - 0.5
         placed = np.arange(predicted.shape[1]) < observation_of(model).positions  # other things are in no space
         base = columns_of(model, ("base",))
-        space = Space(predicted, placed, since, values[list(base[:3])] if len(base) == 6 and placed.any() else None)
+        at = values[list(base[:3])] if len(base) == 6 and placed.any() else None
+        space = Space(predicted, placed, since, base=at)
         # columns of hypotheses, and of what may be off: links by tolerance, effects by kind, a smooth error
         stepping = list(steps_of(model, jacobian, slopes, rows.joint_names))
         lasting = list(lasting_mistakes(model, jacobian, slopes, rows, space))
