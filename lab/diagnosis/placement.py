@@ -74,7 +74,7 @@ def placed(arm: Model, inputs: Array, points: Array, nominal: Array, rng: np.ran
     local = origins + np.einsum("nkij,skj->snki", rotations, targets)
     predicted = np.einsum("sij,snkj->snki", turned, local) + positions[:, None, None]
     misses = row_misses(points, predicted)
-    best = int(np.argmin([_capped(each) for each in misses]))
+    best = int(np.argmin(_capped(misses)))
     values = nominal.copy()
     values[base] = np.concatenate([positions[best], se3.log(turned[best])])
     values[tool] = targets[best].ravel()
@@ -86,13 +86,24 @@ def placed(arm: Model, inputs: Array, points: Array, nominal: Array, rng: np.ran
     return by_all if _capped(by_all.misses) < _capped(by_subset.misses) else by_subset
 
 
-def _capped(misses: Array) -> float:
-    """Return a cost of misses in which those beyond three times their lower quartile count alike."""
-    known = misses[np.isfinite(misses)]
-    if not len(known):
-        return float("inf")
-    limit = 3 * max(float(np.quantile(known, 0.25)), _LEAST_SCALE_M)
-    return float(np.minimum(known, limit).mean() + np.median(known))
+def _capped(misses: Array) -> Array:
+    """Return costs ``(...)`` of misses ``(..., n)``: those beyond three times their lower quartile count alike."""
+    known = np.isfinite(misses)
+    count = known.sum(axis=-1)
+    ordered = np.sort(np.where(known, misses, np.inf), axis=-1)
+    limit = 3 * np.maximum(_quantile(ordered, count, 0.25), _LEAST_SCALE_M)
+    total = np.where(np.isfinite(ordered), np.minimum(ordered, limit[..., None]), 0.0).sum(axis=-1)
+    cost = total / np.maximum(count, 1) + _quantile(ordered, count, 0.5)
+    return np.asarray(np.where(count > 0, cost, np.inf))
+
+
+def _quantile(ordered: Array, count: Array, share: float) -> Array:
+    """Return a quantile ``(...)`` of the first ``count`` of ordered values ``(..., n)``, interpolated linearly."""
+    place = share * np.maximum(count - 1, 0)
+    low = np.floor(place).astype(np.int_)
+    high = np.minimum(low + 1, np.maximum(count - 1, 0))
+    below, above = (np.take_along_axis(ordered, each[..., None], axis=-1)[..., 0] for each in (low, high))
+    return np.asarray(below + (place - low) * (above - below))
 
 
 def _linear_rows(origins: Array, rotations: Array, points: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:

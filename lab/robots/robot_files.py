@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from difflib import get_close_matches
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -65,8 +66,13 @@ def own_models() -> dict[str, Path]:
     A folder's name is that of its description. Its other descriptions are ``<folder>/<file>``. Where there are no more
     than those, as in a maker's folder, each is also named by its file alone, unless another robot has that name.
     """
+    return dict(_models_in(models_folder()))
+
+
+@cache
+def _models_in(models_folder: Path) -> dict[str, Path]:
     models, alone = dict[str, Path](), list[Path]()
-    for folder in sorted(path for path in models_folder().iterdir() if (path / "README.md").is_file()):
+    for folder in sorted(path for path in models_folder.iterdir() if (path / "README.md").is_file()):
         main = next((folder / name for name in _MAIN if (folder / name).is_file()), None)
         others = [path for path in sorted(folder.glob("*.toml")) if path.name not in (*_MAIN, _DRIVES)]
         if main is None:

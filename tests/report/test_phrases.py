@@ -141,7 +141,7 @@ def test_every_kind_of_finding_has_a_phrase() -> None:
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Hypothesis" and node.args:
                 first = node.args[0]
                 named |= {f"diagnosis.{first.value}"} if isinstance(first, ast.Constant) else set()
-    assert named - set(PHRASES) - {"diagnosis.range_constant"} == set()
+    assert named - set(PHRASES) == set()
 
 
 def test_rivals_are_named_with_the_measurement_that_decides() -> None:
