@@ -29,5 +29,5 @@ VARIANCE_COMPONENTS = 0.01  # errors common to a pose, or autocorrelated from po
 CERTIFICATE_VALIDATION = 0.05  # errors in validation above a certificate's budget
 EXTRAPOLATION = 0.01  # errors at the edges of the measured joint range above noise
 VERIFICATION = 0.01  # change of an arm since its calibration
-UNSOLICITED_WARNING = 1e-3  # warnings about effects without an option: joint lag, anisotropic noise
+UNSOLICITED_WARNING = 1e-3  # warnings about effects without an option: anisotropic noise
 TREND_YEAR = 0.01  # change of a robot, of all tests of a year's calibrations

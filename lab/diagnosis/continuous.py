@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.guess import columns_of
-from lab.core.measurements import Measurements
+from lab.core.measurements import Measurements, setups
 from lab.core.se3 import Array
 from lab.diagnosis.hypothesis import Hypothesis
 from lab.kinematics.model import Model
 
-__all__ = ["Steps", "lasting_mistakes", "steps_of"]
+__all__ = ["Space", "Steps", "lasting_mistakes", "moves_before", "steps_of"]
 
 _ZERO = re.compile(r"link([1-9]\d*)\.theta")
 _SHEARS = ((0, 1), (0, 2), (1, 2))
@@ -112,9 +112,13 @@ class Space:
 
 
 def lasting_mistakes(
-    model: Model, jacobian: Array, slopes: Array, rows: Measurements, space: Space
+    model: Model, jacobian: Array, slopes: Array, rows: Measurements, space: Space, moves: Array | None = None
 ) -> Iterator[Hypothesis]:
-    """Yield mistakes that last for the whole campaign."""
+    """Yield mistakes that last for the whole campaign.
+
+    Args:
+        moves: ``(n, joints)`` from the pose measured before each row; None where nobody knows them.
+    """
     joints, names = rows.joints, rows.joint_names
     about = joints - joints.mean(axis=0) if space.is_centred else joints
     count = len(names)
@@ -126,6 +130,9 @@ def lasting_mistakes(
                 mixed = slopes[..., a : a + 1] * about[:, None, None, b : b + 1]
                 pairs = count * (count - 1)
                 yield Hypothesis("joint_coupling", (names[a], names[b]), pairs, columns=mixed, units=("1",))
+    if moves is not None and (moving := np.flatnonzero(moves.any(axis=0))).size:
+        lag, of_moving = slopes[..., moving] * moves[:, None, None, moving], tuple(names[j] for j in moving)
+        yield Hypothesis("joint_lag", columns=lag, units=("1",) * len(moving), data=(("joints", of_moving),))
     links = [(i, each) for i, each in enumerate(model.parameters) if each.is_link]
     for i, each in links:
         zero = _ZERO.fullmatch(each.name)
@@ -133,3 +140,25 @@ def lasting_mistakes(
         column = jacobian[..., i : i + 1]
         yield Hypothesis(name, (of,), len(links), columns=column, units=(each.unit.si,), rivals=("scale",))
     yield from space.mistakes()
+
+
+def moves_before(data: Measurements, ids: Sequence[str], *, several_a_pose: bool = False) -> Array:
+    """Return the joints' moves ``(n, joints)`` from the pose before in its session and station; zeros first.
+
+    Args:
+        data: all that was measured, in its order.
+        ids: n of its rows.
+        several_a_pose: whether consecutive rows with equal joint positions are readings of one pose.
+    """
+    moves = np.zeros_like(data.joints)
+    together = setups(data)
+    for setup in dict.fromkeys(together):
+        here = np.flatnonzero([each == setup for each in together])
+        moves[here[1:]] = np.diff(data.joints[here], axis=0)
+        if several_a_pose:
+            first = np.append(True, moves[here[1:]].any(axis=1))
+            moves[here] = moves[here[np.maximum.accumulate(np.where(first, np.arange(len(here)), 0))]]
+    if tuple(ids) == data.ids:
+        return moves
+    row_of = {name: i for i, name in enumerate(data.ids)}
+    return np.asarray(moves[[row_of[name] for name in ids]])

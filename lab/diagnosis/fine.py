@@ -63,6 +63,7 @@ def fine_mistakes(
     rows: Measurements,
     effects: Sequence[Array] = (),
     *,
+    moves: Array | None = None,
     several_a_pose: bool = False,
 ) -> Fine:
     """Find continuous mistakes in the measurements of a fit.
@@ -72,6 +73,7 @@ def fine_mistakes(
         observed: its rows, weighted, without errors that were estimated of the residuals.
         rows: the same.
         effects: derivatives ``(n, k, d, c)`` of the observed numbers by the parameters of effects that the model lacks.
+        moves: ``(n, joints)`` from the pose measured before each row; None where nobody knows them.
         several_a_pose: whether consecutive rows with equal joint positions are of one pose.
     """
     poses = _poses(rows, several=several_a_pose)
@@ -80,7 +82,8 @@ def fine_mistakes(
         taken = np.flatnonzero(np.isin(poses, some))
         observed, rows, effects = observed.take(taken), rows[taken], [each[taken] for each in effects]
         poses = np.unique(poses[taken], return_inverse=True)[1]
-    search = _Search.of(found, observed, rows, effects, _Blocks.of(poses, observed))
+        moves = None if moves is None else moves[taken]
+    search = _Search.of(found, observed, rows, effects, _Blocks.of(poses, observed), moves)
     fit, findings = search.run()
     far = tuple(
         name for name, outlying in zip(search.ids, fit.variances.outlying[: len(search.ids)], strict=True) if outlying
@@ -177,6 +180,7 @@ class _Search:
         rows: Measurements,
         effects: Sequence[Array],
         blocks: _Blocks,
+        moves: Array | None = None,
     ) -> "_Search":
         """Build all columns, and rotate them pose by pose into the axes of the joint scatter."""
         model, values = found.model, found.values
@@ -191,7 +195,7 @@ class _Search:
         space = Space(predicted, placed, since, base=at)
         # columns of hypotheses, and of what may be off: links by tolerance, effects by kind, a smooth error
         stepping = list(steps_of(model, jacobian, slopes, rows.joint_names))
-        lasting = list(lasting_mistakes(model, jacobian, slopes, rows, space))
+        lasting = list(lasting_mistakes(model, jacobian, slopes, rows, space, moves))
         parts, kinds = _random_columns(found, jacobian, [*effects, _smooth(rows.joints, slopes)])
         # in units of noise, pose by pose, with what is known beside the measurements
         sigma = max(1.0 if found.sigma_given else found.residual_sigma_m, _LEAST_SIGMA_M)

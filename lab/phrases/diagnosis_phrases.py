@@ -208,6 +208,17 @@ def _growth(check: Check) -> str:
     return f"the arm {_ratio(check, 'grows', 'shrinks')} by {_size(check)} over the campaign, or the scale changes"
 
 
+def _lag(check: Check) -> str:
+    sure = [
+        (name, size)
+        for name, size, std in zip(check.data["joints"], check.data["sizes"], check.data["stds"], strict=True)
+        if abs(size) > HALF_95 * std
+    ]
+    behind = "they lag behind it" if sum(size for _, size in sure) > 0 else "it lags behind them"
+    shares = ", ".join(f"{name} {100 * abs(size):.2g} %" for name, size in sure)
+    return f"the recorded joint positions do not follow the arm: {behind}, by shares of the last move of {shares}"
+
+
 _CONTINUOUS: Mapping[str, Callable[[Check], str]] = {
     "base_step": _step(lambda _: "the base or the instrument moved"),
     "tool_step": _step(lambda _: "the tool moved on the flange"),
@@ -215,7 +226,7 @@ _CONTINUOUS: Mapping[str, Callable[[Check], str]] = {
     "joint_step": _step(lambda check: f"the zero of joint {check.data['of'][0]} changed"),
     "joint_gain": _gain,
     "joint_coupling": _coupling,
-    "joint_lag": lambda check: f"joint {check.data['of'][0]} lags by {_size(check)} of each move",
+    "joint_lag": _lag,
     "link": lambda check: f"{check.data['of'][0]} is off from its nominal value by {_size(check)}",
     "scale": _scale,
     "range_constant": _range_constant,

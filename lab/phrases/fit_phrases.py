@@ -113,17 +113,6 @@ def _uneven(check: Check) -> str:
     return f"{text}; the intervals are cluster-robust by pose" if check.data["clustered"] else text
 
 
-def _lag(check: Check) -> str:
-    data = check.data
-    shares = ", ".join(f"{name} {abs(share):.2g}" for name, share in data["shares"].items())
-    where = f"session {data['session']}: " if data["session"] else ""
-    which = "they lag behind it" if data["behind"] else "it lags behind them"
-    return (
-        f"{where}the recorded joint positions do not follow the arm: {which} by shares of the last move "
-        f"of {shares} (F test, p = {check.p:.1g}); read the joints when the arm has settled"
-    )
-
-
 def _alternative(check: Check) -> str:
     data = check.data
     text = (
@@ -238,7 +227,6 @@ PHRASES: Mapping[str, Phrase] = {
         "quantization of the encoders causes errors of {rms_m:mm} (RMS); more poses average them, more readings do not"
     ),
     "joints.rounded": "joint positions are rounded to {step_rad:deg 6}, which causes errors of {rms_m:mm} (RMS)",
-    "joints.lag": _lag,
     "joints.limits": (
         "joint {joint}: {outside} of {count:n pose} {outside:be} beyond its limits; check units, signs and offsets"
     ),

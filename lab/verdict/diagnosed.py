@@ -14,6 +14,7 @@ from lab.calibration.weights import weigh
 from lab.core.checks import Check
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
+from lab.diagnosis.continuous import moves_before
 from lab.diagnosis.fine import fine_mistakes
 from lab.diagnosis.gross import Gross, gross_mistakes
 from lab.diagnosis.hypothesis import Diagnosable, Finding
@@ -127,7 +128,9 @@ def diagnosed(state: Fitted) -> Fitted:
     observed, _ = weigh(observation_of(found.model), rows, fitter.noise.independent)
     effects = fitter.derivatives_by_others(found, (), rows, _MISTAKES)
     try:
-        fine = fine_mistakes(found, observed, rows, effects, several_a_pose=fitter.kind.several_a_pose)
+        several = fitter.kind.several_a_pose
+        moves = moves_before(fitter.data, rows.ids, several_a_pose=several)
+        fine = fine_mistakes(found, observed, rows, effects, moves=moves, several_a_pose=several)
     except np.linalg.LinAlgError:  # variances that the residuals do not determine
         return state
     found_steps = [_step(each, rows, state.given) for each in fine.findings]

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,12 +16,12 @@ from lab.calibration.observation import UnsizedObservation, observation_of, only
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.residual.gaussian_process import PredictedBy
 from lab.calibration.sensor import ArmSensor
-from lab.calibration.statistics.joint_rounding import by_joint_positions, counting, rounding
+from lab.calibration.statistics.joint_rounding import counting, rounding
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import Outliers, would_matter
 from lab.core.checks import Check
 from lab.core.errors import LabError, option_name
-from lab.core.measurements import Measurements, evenly, seen_mask
+from lab.core.measurements import Measurements, evenly
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
 from lab.core.units import MM
@@ -36,7 +35,6 @@ from lab.noise.instruments import Instrument, is_isotropic
 from lab.prediction.extrapolation import MOST_UNCOVERED, MeasuredRange
 from lab.prediction.validation import Validation
 from lab.verdict.fitted import Fitted, Named, one_each
-from lab.verdict.joint_lag import lagging, moves_before
 from lab.verdict.verdict import Answer, Verdict
 
 __all__ = [
@@ -128,7 +126,6 @@ _BEYOND = 0.02  # rad or m: a pose that is nearer to the measured range is at it
 _MOST_POSES = 20_000  # by which joint positions are looked at
 _MUCH_WORSE = 2.0  # times the predicted error where poses were measured
 _UNEVEN = 10.0  # times as precise along one direction as along another
-_RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
 
 
 def _noted(name: str, **data: Any) -> Check:
@@ -290,43 +287,14 @@ def check_size(found: Identification) -> list[Check]:
     return notes
 
 
-def check_joints(
-    found: Identification,
-    seen: Observations,
-    rows: Measurements,
-    moves: Array,
-    encoders: Encoders | None,
-    omitted: Callable[[Measurements], Sequence[Array]],
-) -> list[Check]:
-    """Check that joint positions are not rounded, and that they follow the arm.
+def check_joints(found: Identification, rows: Measurements, encoders: Encoders | None) -> list[Check]:
+    """Check the error that counted or rounded joint positions make.
 
     Args:
-        omitted: derivatives of what rows observe by the parameters of each group that the model lacks.
-        moves: ``(n, joints)`` from the pose measured before each row, whether that was fitted or not.
         encoders: those of the robot's table; None where it names none.
     """
     if (some := evenly(len(rows), _MOST_POSES)) is not None:  # more change nothing
-        seen, rows, moves = seen.take(some), rows[some], moves[some]
-    model, checks = found.model, _check_resolution(found, rows, encoders)
-    derivative = by_joint_positions(model, seen.inputs, found.values, moves.shape[1])
-    for lag in lagging(model, seen, found.fit, moves, derivative, rows.sessions, lambda: omitted(rows)):
-        here = np.array([session == lag.session for session in rows.sessions])
-        made = (derivative @ (moves * np.where(lag.significant, lag.fractions, 0.0))[:, None, :, None])[..., 0]
-        if np.sqrt(np.mean(made[here][seen_mask(seen.points)[here]] ** 2)) < _RELEVANT * found.sigma_m:
-            continue
-        shares = {
-            name: float(share)
-            for name, share, sure in zip(rows.joint_names, lag.fractions, lag.significant, strict=True)
-            if sure
-        }
-        behind = bool(lag.fractions[lag.significant].sum() > 0)
-        data = {"session": lag.session, "behind": behind, "shares": shares}
-        checks.append(Check("joints.lag", "failed", p=lag.p, data=data))
-    return checks
-
-
-def _check_resolution(found: Identification, rows: Measurements, encoders: Encoders | None) -> list[Check]:
-    """Check the error that counted or rounded joint positions make."""
+        rows = rows[some]
     model, positions = found.model, observation_of(found.model).positions or None
     if encoders is not None:
         made_m = counting(model, rows, found.values, encoders, positions)
@@ -556,11 +524,8 @@ def _point_checks(state: Fitted) -> list[Check]:
 
 
 def _joint_checks(state: Fitted) -> list[Check]:
-    fitter, fit, chain = state.fitter, state.weighted, state.fitter.robot.chain
-    moves = moves_before(fitter.data, state.rows.ids, several_a_pose=fitter.kind.several_a_pose)
-    omitted = partial(fitter.derivatives_by_others, fit, state.groups)
-    joints = check_joints(fit, state.observations, state.rows, moves, chain.encoders, omitted)
-    return joints + check_twist(chain, fit)
+    chain = state.fitter.robot.chain
+    return check_joints(state.weighted, state.rows, chain.encoders) + check_twist(chain, state.weighted)
 
 
 # What the step "check fit" of the pipeline tests, in this order: from the state of a fit to checks.

@@ -1,4 +1,4 @@
-"""Linearize a fit pose by pose, for all tests of residuals: outliers, goodness of fit, lagging joints.
+"""Linearize a fit pose by pose, for all tests of residuals: outliers, goodness of fit.
 
 Near the solution the whitened residual of all poses is r = (I - Q Q') e, whatever the parameters are (Cook & Weisberg
 1982, section 2.1).
