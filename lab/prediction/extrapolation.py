@@ -38,6 +38,7 @@ from lab.kinematics.effects.effect import LEVER_M
 from lab.kinematics.effects.effect_registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.effects.range_errors import RANGE
 from lab.kinematics.effects.sessions import GROUP as STATIONS
+from lab.kinematics.effects.steps import STEPS
 from lab.kinematics.model import Model
 from lab.prediction.residual_spread import ResidualSpread
 
@@ -345,6 +346,7 @@ _GEOMETRY = (
     STATIONS,
     RANGE,
     *CAMPAIGN_SPECIFIC,
+    *STEPS,
 )  # all others are effects that vary with the joints
 _ROUNDING = 1e-9  # rad or m: a pose at the edge is not beyond it
 _TOLERANCE = 1e-8  # of the largest singular value of unit columns
