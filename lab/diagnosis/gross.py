@@ -31,6 +31,7 @@ _MOST_MISTAKES = 3
 _FEW_ROWS, _MOST_ROWS = 40, 120  # by which hypotheses are compared: placed alone, and with the links refined
 _REFINED = 8  # hypotheses
 _LARGE, _FAR = 3e-3, 8.0  # m of the median miss, and times it of the largest: below both nothing is searched
+_FAR_FOR_ALL = 5.0  # times that median: what one joint read wrongly does at least to most rows
 _STRANGE_PRICE = 8.0  # nats of the links' distance from nominal: one of them is far beyond any tolerance
 _MOST_OUTLIERS, _MOVED_ROWS = 0.3, 3  # share of rows, and rows in succession at an end that are no outliers
 _ROBOT = 15.0  # nats of the choice of another robot
@@ -81,9 +82,9 @@ class _Reading:
 
     @property
     def is_mostly_sound(self) -> bool:
-        """Whether three quarters of the rows are about as near as a nominal arm comes."""
+        """Whether three quarters of the rows are nearer than by any joint that is read wrongly."""
         known = self.misses[~np.isnan(self.misses)]
-        return bool(len(known)) and float(np.quantile(known, 0.75)) <= 2 * _LARGE
+        return bool(len(known)) and float(np.quantile(known, 0.75)) <= _FAR_FOR_ALL * _LARGE
 
     @property
     def misses_by_much(self) -> bool:

@@ -142,9 +142,9 @@ def robot_worlds(As: Array, Bs: Array, weights: Array) -> tuple[Array, Array]:
     # places: R_A t_X - t_Z = R_Z t_B - t_A
     rows = np.concatenate([Ra, np.broadcast_to(-np.eye(3), Ra.shape)], axis=2)
     right = Bs[:, :3, 3] @ np.swapaxes(Rz, 1, 2) - As[:, :3, 3]
-    normal = np.einsum("bv,vij,vik->bjk", weights, rows, rows, optimize=True)
+    normal = (weights @ (np.swapaxes(rows, 1, 2) @ rows).reshape(len(rows), 36)).reshape(-1, 6, 6)
     normal += 1e-14 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(6)
-    moment = np.einsum("bv,vij,bvi->bj", weights, rows, right, optimize=True)
+    moment = (weights[..., None] * right).reshape(len(weights), -1) @ rows.reshape(-1, 6)
     places = np.linalg.solve(normal, moment[..., None])[..., 0]
     return se3.pose(Rx, places[:, :3]), se3.pose(Rz, places[:, 3:])
 
