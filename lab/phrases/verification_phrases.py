@@ -1,13 +1,13 @@
 """Phrases of a verification and of a certificate."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from lab.core.checks import Check
 from lab.core.significance import VERIFICATION
 from lab.core.units import MM, MRAD
-from lab.phrases.diagnosis_phrases import advice, cause_text
+from lab.phrases.diagnosis_phrases import advice, cause_text, deciding_measurement
 from lab.phrases.template import Phrase, worded
 
 __all__ = [
@@ -175,8 +175,15 @@ def next_step(check: Check, verdict: str) -> str:
         return _STILL_GOOD if verdict == "good" else _BUILT_ON_DOUBT
     cause, alike = check.data["cause"], check.data["alike"]
     if cause is None and len(alike) != 1:
-        return _AMBIGUOUS if alike else _ANEW
+        return f"{_AMBIGUOUS}{_deciding(alike)}" if alike else _ANEW
     return _step_after(alike[0] if cause is None else cause)
+
+
+def _deciding(alike: Sequence[Check]) -> str:
+    """Return the measurement that tells equivalent causes apart, as a further sentence; nothing where none is known."""
+    first, *others = (each.name.partition(".")[2] for each in alike)
+    measurement = deciding_measurement(first, others)
+    return f" It can be decided by {measurement}." if measurement else ""
 
 
 def _step_after(last: Check) -> str:
