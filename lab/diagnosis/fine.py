@@ -249,8 +249,8 @@ class _Search:
         if not tried or tried[0][0] < _EVIDENCE:
             return None
         evidence, candidate, refit = tried[0]
-        near = tuple(each.hypothesis.key for other, each, _ in tried[1:] if evidence - other < _NEAR_RIVAL)
-        return candidate, refit, near
+        near = dict.fromkeys(each.hypothesis.key for other, each, _ in tried[1:] if evidence - other < _NEAR_RIVAL)
+        return candidate, refit, tuple(key for key in near if key != candidate.hypothesis.key)
 
     def _scanned(self, fit: MarginalFit) -> list[_Candidate]:
         """Return the hypotheses of the largest score, at most one of each kind and thing."""
