@@ -60,6 +60,8 @@ class Options:
     """Arms that are measured."""
     campaigns: int = 60
     """Campaigns of each kind, size and robot; of clean, effects and pairs of each robot."""
+    first: int = 0
+    """Seed of the first of them: it also says how many targets are measured."""
     poses: int = 60
     """Poses of a campaign."""
     observe: str = "points"
@@ -108,12 +110,12 @@ class Campaign:
 def campaigns(options: Options) -> list[Campaign]:
     """All campaigns, seed by seed, so that a part of them has some of each."""
     kinds = options.kinds or tuple(mistakes.kinds_for(3, options.observe))
-    found = []
+    found, seeds = [], range(options.first, options.first + options.campaigns)
     for kind in kinds:
         sizes = mistakes.KINDS[kind].sizes if kind in mistakes.KINDS else (0.0,)
         for robot in options.robots:
             what = (robot, options.poses, options.observe, options.model, options.holdout)
-            found += [Campaign(seed, kind, size, *what) for size in sizes for seed in range(options.campaigns)]
+            found += [Campaign(seed, kind, size, *what) for size in sizes for seed in seeds]
     return sorted(found)
 
 
@@ -236,7 +238,7 @@ def identified(data: Any, robot: Any, options: Mapping[str, Any]) -> dict[str, A
     after = said["after_mm"] or {}
     return {
         "found": findings_of(result),
-        "outliers": [str(each) for each in said["outliers"] or ()],
+        "outliers": [each["id"] for each in said["outliers"] or ()],
         "verdict": said["verdict"],
         "reasons": reasons,
         "after_mm": after.get("mean") if isinstance(after, Mapping) else after,
@@ -367,14 +369,14 @@ _WAYS = ("first", "alike", "rival", "later", "another", "missed", "refused", "cr
 def table_of(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Counts by kind and size."""
     lines = []
-    for kind, size in dict.fromkeys((row["kind"], row["size"]) for row in rows):
+    for kind, size in sorted({(row["kind"], row["size"]) for row in rows}):
         some = [row for row in rows if (row["kind"], row["size"]) == (kind, size)]
         count = Counter(named(row) for row in some)
         blamed = Counter(row["found"][0]["name"] for row in some if named(row) == "another")
         rms = float(np.median([row["rms_mm"][0] for row in some]))
         cells = [str(count[way]) if count[way] else "" for way in _WAYS]
         most = ", ".join(f"{name} {number}" for name, number in blamed.most_common(3))
-        right = [covers(row["numbers"][0], row["found"][0]) for row in some if named(row) == "first"]
+        right = [covers(row["numbers"][0], row["found"][0]) for row in some if named(row) == "first" and row["found"]]
         inside = f"{sum(map(bool, right))}/{len(right) - right.count(None)}" if len(right) > right.count(None) else ""
         lines.append((kind, f"{size:g}", f"{rms:.3g}", str(len(some)), *cells, inside, most))
     return Table(("kind", "size", "mm rms", "of", *_WAYS, "size covered", "blamed"), tuple(lines))
