@@ -94,7 +94,7 @@ def _identified(
     robot, load = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
     data, other = _read_rows(robot, options.file, options, load, given.get("file")), None
     if options.validate is not None:
-        other = _read_rows(robot, options.validate, options, load, given.get("validate")).with_points()
+        other = _read_rows(robot, options.validate, options, load, given.get("validate"), validates=True).with_points()
     sensor = options.kind()
     noise = noise_of(options, sensor)
     fit, judging = options.fitting.to_si(), options.judgement(other)
@@ -108,9 +108,19 @@ def _identified(
 
 
 def _read_rows(
-    robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | None, given: Measurements | None
+    robot: Robot,
+    path: Path,
+    options: MeasuredCampaign,
+    load: HandLoad | None,
+    given: Measurements | None,
+    *,
+    validates: bool = False,
 ) -> Measurements:
-    """The rows of a file, or those given in memory, with what the robot carries there."""
+    """The rows of a file, or those given in memory, with what the robot carries there.
+
+    Args:
+        validates: whether they validate a fit: the unit of those that are fitted is left to the diagnosis.
+    """
     chain, sensor = robot.chain, sensor_named(options.observe)
     positions = sensor.in_instrument_frame
     if given is None:
@@ -118,7 +128,7 @@ def _read_rows(
         read = read_measurements(path, chain.joint_names, chain.prismatic, columns=columns)
         read = options.kind().with_files(replace(read, robot=robot.source), path.parent)
     else:
-        read = checked(path, given, robot, points=positions)
+        read = checked(path, given, robot, points=positions and validates)
     robot.refuse_impossible(path, read[[use != "skip" for use in read.use]])
     read = without_copies(path, read) if positions else read
     return read if load is None else load.with_payload(read)

@@ -349,10 +349,6 @@ PHRASES: Mapping[str, Phrase] = {
     "given.noises": _given_noises,
     "given.scale": _given_scale,
     "arm.constant_points": "the measured values are the same in every pose: wrong column?",
-    "arm.spread": (
-        "the measured points spread {times:.3g} times as far as the robot's at these poses: wrong unit, or another "
-        "robot"
-    ),
     "arm.convergence": _convergence,
     "arm.orientations": "measured orientations do not fit ({rms_rad:mrad}): wrong --orientation or columns?",
     "arm.collapsed": _collapsed,

@@ -48,6 +48,8 @@ def gross_of(state: Fitted) -> Gross | None:
         np.ptp(data.points[seen, k], axis=0).max() > _MOVED_M for k, seen in enumerate(data.seen.T) if seen.any()
     ):
         return None  # points that are the same in every pose can be read in any way
+    if len(fitter.session.stations) > 1:
+        return None  # one placement is not of points in several frames
     arm = fitter.robot.arm(fitter.targets)
     nominal = arm.nominal({target: np.zeros(3) for target in fitter.targets})
     return gross_mistakes(kind, arm, data, nominal, _others(arm, fitter.targets), fitter.seed)

@@ -327,8 +327,6 @@ class _Calibration:
         found = self.identification
         if found.spread < CONSTANT_SPREAD:
             return [_cannot_be("constant_points")]
-        if not found.plausible:
-            return [_cannot_be("spread", times=found.spread)]
         if found.collapsed:
             return [_cannot_be("collapsed", names=found.collapsed)]
         if found.status != "converged":

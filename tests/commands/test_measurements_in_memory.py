@@ -70,7 +70,6 @@ def test_points_in_another_unit_are_refused(days: dict[str, Measurements], per_m
     data = days["irb120"]
     other = replace(data, points=per_m * data.points)
     for call in (
-        lambda: lab.identify(other),
         lambda: lab.identify(data, validate=other),
         lambda: lab.verify(identification(data, instrument="uniform-8um"), other),
         lambda: lab.measurements(other.joints, other.points, robot="irb120"),
@@ -79,6 +78,18 @@ def test_points_in_another_unit_are_refused(days: dict[str, Measurements], per_m
             call()
         assert "\n" not in str(caught.value)
     assert lab.verify(identification(data, instrument="uniform-8um"), data).good
+
+
+@pytest.mark.parametrize(("per_m", "unit"), [(1000, "mm"), (100, "cm"), (1 / 0.0254, "inches")])
+def test_points_in_another_unit_are_named_and_undone_by_consent(
+    days: dict[str, Measurements], per_m: float, unit: str
+) -> None:
+    data = days["irb120"]
+    other = replace(data, points=per_m * data.points)
+    found = lab.identify(other, instrument="uniform-8um")
+    assert found.verdict.word == "bad" and [each.hypothesis.key for each in found.diagnosis] == [f"point_unit:{unit}"]
+    undone = lab.identify(other, instrument="uniform-8um", accept="point_unit")
+    assert undone.values == pytest.approx(identification(data, instrument="uniform-8um").values, abs=1e-9)
 
 
 def test_points_in_feet_that_no_unit_explains_are_left_to_the_verdict(days: dict[str, Measurements]) -> None:

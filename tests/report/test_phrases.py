@@ -52,7 +52,7 @@ def test_the_next_step_is_the_cheapest_that_helps() -> None:
 
     assert "--model auto" in next_step(Judged("finding.drift", "finding.missing"))
     assert "--robust" in next_step(Judged("finding.drift"), with_outliers=True)
-    assert "--robust" not in next_step(Judged("arm.spread"), with_outliers=True)
+    assert "--robust" not in next_step(Judged("arm.convergence"), with_outliers=True)
     assert "lab next" in next_step(Judged("accuracy.gate"))
 
 

@@ -138,9 +138,9 @@ TABLE = {
         made(points_as=lambda points, _: 0 * points), GATE, "bad", "arm.constant_points"
     ),
     "metres taken for millimetres": Row(
-        made(points_as=lambda points, _: 1e-3 * points), GATE, "bad", "arm.spread"
+        made(points_as=lambda points, _: 1e-3 * points), GATE, "bad"
     ),
-    "radians taken for degrees": Row(made(poses=15, joints_as=np.deg2rad), None, "bad", "arm.spread"),
+    "radians taken for degrees": Row(made(poses=15, joints_as=np.deg2rad), None, "bad", "arm.convergence"),
     "points of nothing": Row(
         made(poses=15, points_as=lambda p, rng: 0.4 * rng.normal(size=p.shape)), GATE, "bad", "accuracy.gate"
     ),
@@ -148,7 +148,7 @@ TABLE = {
         lambda: campaign(model=SerialArm(load_robot("scemi").chain)), GATE, "bad", "links.other_robot link2.theta"
     ),
     "another robot, twice as large": Row(
-        lambda: campaign(model=SerialArm(load_robot("ur10").chain)), GATE, "bad", "arm.spread"
+        lambda: campaign(model=SerialArm(load_robot("ur10").chain)), GATE, "bad", "arm.convergence"
     ),
     "all joints negated": Row(made(joints_as=np.negative), GATE, "bad", "links.other_robot link5.theta"),
     "the last joint negated": Row(
@@ -198,7 +198,7 @@ def test_the_verdict_is_a_function_of_its_checks_alone() -> None:
     again = judge(pickle.loads(pickle.dumps(found.checks)), found.gate_m)
     assert repr(again) == repr(found)  # as text: NaN is not equal to itself
     assert found.word == "doubtful" and [each.name for each in found.reasons] == ["lack_of_fit.chi2"]
-    foreign = Check("arm.spread", "failed", np.inf, data={"times": 1e3})
+    foreign = Check("arm.convergence", "failed", np.inf, data={"status": "in a valley"})
     bad = judge((*found.checks, foreign, finding("drift", 1e-3)))
     assert bad.word == "bad" and bad.reasons == (foreign,) and bad.accuracy.standing == "not judged"
     rest = [each for each in found.checks if each.outcome != "failed"]
