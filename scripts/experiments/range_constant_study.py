@@ -113,7 +113,7 @@ class Setup:
         joints = self._robot.chain.random_joints(self.poses, rng)
         exact = arm.points(joints, values)
         seen = with_range_errors(exact, np.tile([constant_m, 0.0], (self.poses, 1)))
-        points = self.device.sample(seen, rng)
+        points = self.device.sample(seen, rng) + self.device.errors.sample(seen, rng)  # of nest and lock-on, too
         data = measured(self._robot.chain.joint_names, joints, self.names, points)
         elsewhere = self._robot.chain.random_joints(_ELSEWHERE, rng)
         return Campaign(data, constant_m, values[:3], elsewhere, arm.points(elsewhere, values))
