@@ -314,7 +314,8 @@ def _remedy(check: Check) -> Iterator[str]:
 def cause_text(check: Check) -> str:
     """Return the clause that names the cause alone, with its place and size."""
     name = check.name.removeprefix("diagnosis.")
-    return worded({**_DISCRETE, **_CONTINUOUS}[name], check)
+    other = " ".join((name.replace("_", " "), *check.data["of"]))  # of a sensor of one's own
+    return worded({**_DISCRETE, **_CONTINUOUS}.get(name, lambda _: other), check)
 
 
 def advice(name: str) -> str:
