@@ -5,6 +5,7 @@ well with the measurement that would decide, and what to do.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -60,12 +61,18 @@ def _convention(check: Check) -> str:
     return f"the orientations are given in another convention{f' ({_named(of)}{turned})' if of else ''}"
 
 
-def _exchanged_targets(check: Check) -> str:
-    *targets, first, last = check.data["of"]
-    return (
-        f"targets {_named(targets)} are exchanged from pose {first} to pose {last} "
-        f"({counted(check.data.get('rows', 0), 'pose')})"
-    )
+def _joints(names: Sequence[str]) -> str:
+    return f"joint{'s' * (len(names) > 1)} {_named(names)} {'are' if len(names) > 1 else 'is'}"
+
+
+def _signs(check: Check) -> str:
+    of = check.data["of"]
+    return f"{_joints(of)} read with the opposite sign"
+
+
+def _joint_unit(check: Check) -> str:
+    unit, *joints = check.data["of"]
+    return f"{_joints(joints) if joints else 'the joint positions are'} in {unit}"
 
 
 def _exchanged_targets_once(check: Check) -> str:
@@ -111,20 +118,20 @@ _FIXTURES["bar"] = "ball bar"
 _READINGS = ("socket", "cable", "dial", "bar", "plane", "plate", "cube")
 
 _DISCRETE: Mapping[str, Phrase] = {
-    "joint_unit": "the joint positions are in {of[0]}",
-    "joint_sign": "joint {of[0]} is read with the opposite sign",
+    "joint_unit": _joint_unit,
+    "joint_sign": _signs,
+    "joint_stuck": "the reading of joint {of[0]} stays the same while the joint moves",
     "joint_zero": _zero_by_quarters,
     "joints_exchanged": "joints {of[0]} and {of[1]} are exchanged",
     "joints_coupled": _coupled,
     "joints_reversed": "the joints are in the reversed order",
     "rows_reversed": "the joint positions are in the reversed order of what was measured",
     "rows_shifted": _shifted,
-    "rows_shifted_from": _shifted,
     "rows_exchanged": "the joint positions of poses {of[0]} and {of[1]} are exchanged",
     "row_repeated": "pose {of[0]} has the joint positions of the pose before",
     "point_unit": _unit,
     "points_mirrored": "the frame of the points is mirrored (an axis negated, or two exchanged)",
-    "targets_exchanged": _exchanged_targets,
+    "targets_exchanged": lambda check: f"targets {_named(check.data['of'])} are exchanged",
     "targets_exchanged_once": _exchanged_targets_once,
     "other_robot": "the measured robot is a {of[0]}",
     "orientation_convention": _convention,
@@ -270,9 +277,19 @@ def _sentence(cause: Phrase) -> Callable[[Check], str]:
     """Return the phrase of a finding: cause, effect, rivals and remedy as clauses and sentences."""
 
     def phrase(check: Check) -> str:
-        return ". ".join([f"{worded(cause, check)}{_effect(check)}", *_rivals(check), *_remedy(check)])
+        whole, where = _of_a_part(check)
+        return ". ".join([f"{worded(cause, whole)}{where}{_effect(check)}", *_rivals(check), *_remedy(check)])
 
     return phrase
+
+
+def _of_a_part(check: Check) -> tuple[Check, str]:
+    """Return a mistake of a part of the rows as one of all rows, and which part it is; empty for all rows."""
+    if not isinstance(count := check.data.get("rows"), int):
+        return check, ""
+    *of, first, last = check.data["of"]
+    part = f" from pose {first} to pose {last} ({counted(count, 'pose')})"
+    return replace(check, data={**check.data, "of": tuple(of)}), part
 
 
 def _effect(check: Check) -> str:

@@ -85,7 +85,8 @@ def test_after_a_verification_what_is_not_known_is_measured_or_calibrated_anew()
 OF_ROWS = {
     "targets_exchanged": (("p1", "p2", "3", "11"), (("rows", 9),)),
     "targets_exchanged_once": (("p1", "p2", "4", "7"), (("targets", 2),)),
-    "rows_shifted_from": (("+1", "6"), ()),
+    "rows_shifted": (("+1", "6", "11"), (("rows", 6),)),
+    "joint_stuck": (("q4", "6", "9"), (("rows", 4),)),
     "rows_exchanged": (("3", "8"), ()),
     "other_robot": (("ur5e",), ()),
 }
@@ -111,7 +112,9 @@ def hypotheses() -> dict[str, Hypothesis]:
     made = [*joint_mistakes(day.robot.chain, day.measurements), *point_mistakes()]
     made += [Hypothesis(name, of, corrected=lambda rows: rows, data=data) for name, (of, data) in OF_ROWS.items()]
     with_size = [Hypothesis(name, of, units=units) for name, (of, units) in CONTINUOUS.items()]
-    return {f"{each.name}{' with a size' * bool(each.units)}": each for each in (*made, *with_size)}
+    return {
+        " ".join([each.name, *each.of[:1], *["with a size"] * bool(each.units)]): each for each in (*made, *with_size)
+    }
 
 
 KINDS = hypotheses()
@@ -147,7 +150,7 @@ def test_every_kind_of_finding_has_a_phrase() -> None:
 
 
 def test_rivals_are_named_with_the_measurement_that_decides() -> None:
-    step = Finding(KINDS["base_step with a size"], 60.0, (1e-4,) * 6, (1e-5,) * 6, 1e-4, rivals=("joint_step:q1",))
+    step = Finding(KINDS["base_step 24 with a size"], 60.0, (1e-4,) * 6, (1e-5,) * 6, 1e-4, rivals=("joint_step:q1",))
     text = phrase(step.check)
     assert "joint_step:q1" in text and deciding_measurement("base_step", step.rivals) in text
     assert deciding_measurement("joint_step", ("base_step",)) == deciding_measurement("base_step", step.rivals) != ""
@@ -155,7 +158,7 @@ def test_rivals_are_named_with_the_measurement_that_decides() -> None:
 
 
 def test_a_rotation_within_its_interval_is_left_out() -> None:
-    sure = Finding(KINDS["base_step with a size"], 60.0, (3e-4, 0, 0, 1e-6, 0, 0), (1e-5,) * 6, 1e-4)
+    sure = Finding(KINDS["base_step 24 with a size"], 60.0, (3e-4, 0, 0, 1e-6, 0, 0), (1e-5,) * 6, 1e-4)
     assert "0.3 ± 0.02 mm (95 %)" in phrase(sure.check)
     turned = replace(sure, sizes=(3e-4, 0, 0, 1e-3, 0, 0))
     assert "0.3 ± 0.02 mm and 1 ± 0.02 mrad (95 %)" in phrase(turned.check)

@@ -29,12 +29,12 @@ def test_a_mistake_of_reading_is_the_first_warning(plan: lab.DesignResult) -> No
 
 @pytest.mark.thorough
 def test_what_a_run_left_open_is_to_be_measured(tmp_path: Path) -> None:
-    run = own_copy(run_of(seed=7), tmp_path)
+    run = own_copy(run_of(seed=7), tmp_path / "run")
     file = run / "measurements.csv"
     assert lab.next_pose(run, file, candidates=100).doubts == ()
     result = json.loads((run / "result.json").read_text(encoding="utf-8"))
     entry = {"key": "base_step:3", "rivals": ["joint_step:q1"], "deciding_measurement": "nests on the floor"}
     result["findings"] = [entry, entry | {"deciding_measurement": None}]
     (run / "result.json").write_text(json.dumps(result), encoding="utf-8")
-    (doubt,) = lab.next_pose(run, file, candidates=100, accept_edited=True).doubts
+    (doubt,) = lab.next_pose(run, file, candidates=100).doubts
     assert all(part in doubt for part in ("nests on the floor", "base_step:3", "joint_step:q1"))
