@@ -382,6 +382,21 @@ def test_what_is_wrong_within_a_file_is_named_as_in_every_campaign(name: str) ->
     assert abs(sizes[0] - size) < 4 * stds[0] < 0.2 * size and best.finding.explains_m > 5 * SIGMA
 
 
+@pytest.mark.thorough
+def test_another_range_constant_of_a_tracker_is_named_where_the_base_does_not_explain_it() -> None:
+    """0.1 mm seen from one side look like a base that shifted, and both are said; 0.3 mm do not."""
+    day = lab.simulate("irb120", poses=52, seed=7, targets=("p1", "p2"), instrument="leica-at960").measurements
+    run = lab.identify(day[:40], robot="irb120", instrument="leica-at960")
+    new = day[np.arange(40, 52)]
+    ranges = np.linalg.norm(new.points, axis=2, keepdims=True)
+    for off_m, named in ((0.0, []), (1e-4, ["range", "base"]), (3e-4, ["range"])):
+        found = lab.verify(run, replace(new, points=new.points * (1 + off_m / ranges))).verified
+        assert list(found.moved) == named
+        if named:
+            extent = found.hypotheses[0].extent
+            assert abs(extent.shift_m - off_m) < 4 * extent.shift_std_m < 0.2 * off_m
+
+
 def test_an_arm_that_bends_is_held_against_what_was_known_of_it(runs: Path, capsys) -> None:
     """With its compliance to micrometres; without, what geometry lacked is taken for noise, with a warning."""
     code, soft = checked(capsys, runs, "soft", "loaded.csv")
