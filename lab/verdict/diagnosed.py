@@ -146,6 +146,9 @@ def diagnosed(state: Fitted) -> Fitted:
         try:
             before, after = (each.identified_with(state.given, (), ()) for each in (state.fitter, fitter))
             findings = _with_residuals(findings, before, after)
+            if set(after.unobservable) - set(before.unobservable):  # what the rows cannot show did not move
+                fitter = state.fitter
+                findings = tuple(each for each in findings if each.name not in STEPS)
         except LabError:  # too few rows for the steps' parameters: they are found, but not fitted
             fitter, findings = state.fitter, fine.findings
     return replace(state, fitter=fitter, diagnosis=(*state.diagnosis, *findings))
