@@ -284,6 +284,9 @@ def _with_errors(state: Fitted, outliers: Sequence[str]) -> tuple[Finding, ...]:
         if np.isnan(before_m):  # no positions: the misses of the nominal arm stay
             return state.diagnosis
         for finding in state.diagnosis:
+            if finding.accepted:  # undone already
+                findings.append(finding)
+                continue
             data, sensor = undone(data, sensor, [finding.as_accepted()])
             rest = data.without(outliers)  # once a mistake is undone, as it counts the rows of the file
             other = start(fitter.robot, rest, sensor, fitter.noise, fitter.options, seed=fitter.seed)

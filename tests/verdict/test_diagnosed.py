@@ -77,6 +77,20 @@ def test_an_accepted_mistake_is_undone(case: str, rows: Measurements, sound) -> 
     np.testing.assert_allclose(result.values, sound.values, rtol=0, atol=1e-9)
 
 
+@pytest.mark.thorough
+def test_of_two_mistakes_the_one_that_is_not_accepted_stays(rows: Measurements, sound) -> None:
+    """Each has the error before it is undone, and after it; one that is undone already is not undone again."""
+    both = swapped(negated(rows))
+    first, second = lab.identify(both, noise_mm=NOISE_MM).diagnosis
+    assert {first.hypothesis.key, second.hypothesis.key} == {key for _, key in MISREAD.values()}
+    assert first.before_m > first.after_m == second.before_m > 100 * second.after_m
+    half = lab.identify(both, accept=(first.hypothesis.key,), noise_mm=NOISE_MM)
+    assert half.verdict.word == "bad" and [each.accepted for each in half.diagnosis] == [True, False]
+    assert half.diagnosis[1].after_m == pytest.approx(second.after_m, rel=1e-3)
+    whole = lab.identify(both, accept=(first.hypothesis.key, second.hypothesis.key), noise_mm=NOISE_MM)
+    np.testing.assert_allclose(whole.values, sound.values, rtol=0, atol=1e-9)
+
+
 def test_sound_measurements_have_no_section(sound) -> None:
     assert sound.diagnosis == () and sound.to_dict()["findings"] == []
     assert not any("wrong with" in title for title in titles(sound))
