@@ -81,6 +81,7 @@ __all__ = [
 ]
 
 Step = Callable[[Fitted], Fitted]
+_IN_TIME = ("drift", "growth")  # mistakes that no model of geometry contains
 UNKNOWN = Noise()  # noise that is estimated
 _CLEARLY = 0.5  # of the error as read: with a mistake undone it is smaller
 
@@ -461,6 +462,7 @@ def _check_noise(state: Fitted) -> Fitted:
         return state
     findings = shared_error_findings(found, rows, state.noise.shared, adequacy, repeats(rows))
     tested = fitter.options.search or (adequacy.name == "lack_of_fit.chi2" and adequacy.outcome == "passed")
+    tested = tested or any(each.name in _IN_TIME for each in state.diagnosis)  # effects would explain it by chance
     beside = None if tested else fitter.with_missing_effects(rows, state.selection)
     missing = [] if beside is None else [_missing(beside)]
     return replace(state, findings=(*missing, *findings))

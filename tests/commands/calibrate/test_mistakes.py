@@ -94,6 +94,14 @@ def test_an_arm_that_grows_is_found_and_by_how_much() -> None:
     assert not lab.identify(replace(data, points=data.points + 60e-6 * away), robot="irb120").diagnosis
 
 
+@pytest.mark.thorough
+def test_a_drift_is_no_missing_effect() -> None:
+    data, rng = session_with_noise(4)
+    found = identified(MISTAKES["drift"](data, rng, 0.3e-3))
+    assert found.verdict.word == "doubtful" and [each.name for each in found.diagnosis] == ["drift"]
+    assert "finding.missing" not in [each.name for each in found.verdict.reasons]
+
+
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("effect", "named"),
