@@ -60,7 +60,7 @@ class Artefact(Fixtures):
     axes: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")
     row_conditions: ClassVar[tuple[str, ...]] = (FEATURE, FIXTURE)
     contact: ClassVar[bool] = True
-    starts: ClassVar[int] = 2
+    starts: ClassVar[int] = 3
     draws: ClassVar[int] = 3  # each a search among 24 rotations
 
     @property

@@ -192,7 +192,7 @@ class _Placing:
             left, slopes = few.residuals(values)
             values = values + few._steps(values, left, slopes, few._near(left))
         sizes = _sizes(few.residuals(values, rates=False)[0])
-        cap = _CAP * max(float(np.median(sizes, axis=1).min()), _LEAST_M)
+        cap = _CAP * max(float(np.median(sizes, axis=1).min()), _ORDINARY_M)
         costs = (np.minimum(np.nan_to_num(sizes, nan=np.inf), cap) ** 2).sum(axis=1)
         return np.asarray(values[int(np.argmin(costs))])
 
@@ -206,7 +206,7 @@ class _Placing:
         return self.take(np.sort(np.concatenate(picked)))
 
     def _starts(self, rng: np.random.Generator) -> Array:
-        """Return values ``(s, q)``: the target where it is nominally, with the best, the second best, ... fixtures."""
+        """Return values ``(s, q)``: the target where it is nominally, and fixtures by all rows, by the best few, ..."""
         located = [self.take(np.flatnonzero(self.index == i))._located(rng) for i in range(len(self.model.numbers))]
         fixed = np.concatenate([self.start, np.zeros(self.shared)])
         count = self.model.starts
@@ -215,7 +215,7 @@ class _Placing:
         )
 
     def _located(self, rng: np.random.Generator) -> list[Array]:
-        """Return places ``(k,)`` of the fixture of all rows by few of them, those near to most others first."""
+        """Return places ``(k,)`` of the fixture of all rows: by all, then by few, those near to most others first."""
         points, n = self.origins + self.axes @ self.start, len(self.index)
         few = min(self.model.least_rows, n)
         found = list[Array]()
@@ -227,7 +227,7 @@ class _Placing:
         predicted = self.model.predict(np.tile(points, (b, 1)), many, np.tile(self.rows, (b, 1))).observed
         sizes = _sizes(self.measured - predicted.reshape(b, n, -1))
         order = np.argsort(np.median(np.nan_to_num(sizes, nan=np.inf), axis=1), kind="stable")
-        return [found[i] for i in order]
+        return [self.model.located(points, self.measured, self.rows), *(found[i] for i in order)]
 
     def _near(self, left: Array) -> NDArray[np.bool_]:
         """Return the rows ``(b, n)`` near the majority of their fixture."""
@@ -275,7 +275,7 @@ def scaled_readings(data: Measurements, column: str, name: str) -> Iterator[Hypo
 
     for unit, factor in LENGTH_UNITS:
         undo = partial(scaled, factor=factor)
-        yield Hypothesis(name, (unit,), len(LENGTH_UNITS), undo, data=(("factor", factor), ("column", column)))
+        yield Hypothesis(name, (unit,), len(LENGTH_UNITS), undo, data=(("column", column),))
 
 
 def exchanged_fixtures(sensor: "FixtureSensor", at: PlacedFixtures, data: Measurements) -> Iterator[Hypothesis]:

@@ -101,8 +101,8 @@ class Fixtures(ABC):
     axes: ClassVar[tuple[str, ...]] = ("x", "y", "z")  # its parameters
     least_rows: ClassVar[int]  # of a fixture, from which on they depend on the arm too
     contact: ClassVar[bool]  # whether the residual is zero at the fixture
-    starts: ClassVar[int] = 3  # from which target and fixtures are placed among rows that may be wrong
-    draws: ClassVar[int] = 8  # of few rows that place a fixture
+    starts: ClassVar[int] = 4  # from which target and fixtures are placed among rows that may be wrong
+    draws: ClassVar[int] = 16  # of few rows that place a fixture
     row_conditions: ClassVar[tuple[str, ...]] = (FIXTURE,)  # of each row, after the arm's own
 
     def __post_init__(self) -> None:
