@@ -256,6 +256,8 @@ class _Task:
         except (LabError, np.linalg.LinAlgError):
             return -np.inf
         scaled = 3 * base.rows * float(np.log(dict(hypothesis.data).get("factor", 1.0)))  # as densities are
+        if self._by_sensor:  # rows that are wrong in either unit are no better described in a larger one
+            scaled = min(scaled, 0.0)
         known = float(np.log(hypothesis.alternatives))
         return base.length(base.rows) - reading.length(base.rows) + scaled - known
 

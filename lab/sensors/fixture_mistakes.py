@@ -275,7 +275,7 @@ def scaled_readings(data: Measurements, column: str, name: str) -> Iterator[Hypo
 
     for unit, factor in LENGTH_UNITS:
         undo = partial(scaled, factor=factor)
-        yield Hypothesis(name, (unit,), len(LENGTH_UNITS), undo, data=(("column", column),))
+        yield Hypothesis(name, (unit,), len(LENGTH_UNITS), undo, data=(("factor", factor), ("column", column)))
 
 
 def exchanged_fixtures(sensor: "FixtureSensor", at: PlacedFixtures, data: Measurements) -> Iterator[Hypothesis]:

@@ -44,6 +44,8 @@ def test_a_nominal_arm_misses_sound_readings_by_little_also_where_some_are_wrong
     sensor, arm, data = rows(kind, robot)
     misses = sensor.misses(arm, data, arm.nominal())
     assert np.median(misses) < 3e-3
+    if kind == "dial":  # its stroke is 10 mm: many readings of another row are as near as a nominal arm comes
+        return
     # joint positions of every fifth row are those of another one
     some = np.arange(0, len(data), 5)
     joints = data.joints.copy()
