@@ -59,9 +59,8 @@ class Problem:
 
     def of_rows(self, rows: NDArray[np.int_]) -> "Problem":
         """Return the problem of some poses."""
-        parts = (each[rows] for each in (self.residual, self.columns, self.scatter, self.mask))
-        residual, columns, scatter, mask = parts
-        return Problem(residual, columns, self.kinds, scatter, mask, self.sigma_given)
+        residual, columns, scatter = (each[rows] for each in (self.residual, self.columns, self.scatter))
+        return Problem(residual, columns, self.kinds, scatter, self.mask[rows], self.sigma_given)
 
 
 def rotated(

@@ -67,7 +67,7 @@ def placed(arm: Model, inputs: Array, points: Array, nominal: Array, rng: np.ran
     origins, rotations = flange_poses(arm, inputs, at_zero, tool)
     seen = seen_mask(points)
     normal, right = _linear_rows(origins, rotations, points, seen)
-    subsets = _subsets(seen.any(axis=1), rng)
+    subsets = _subsets(np.any(seen, axis=1), rng)
     turned = _rotations(normal, right, subsets)  # (s, 3, 3)
     positions, targets = _rest(turned, origins, rotations, points, seen, subsets)
     # the placement of each subset, at all rows

@@ -34,39 +34,41 @@ def joint_mistakes(joints: JointSpec, data: Measurements) -> Iterator[Hypothesis
     names, count = data.joint_names, len(data.joint_names)
     turning = ~np.array(joints.prismatic, dtype=np.bool_)
 
-    def changed(change: Callable[[Array], Array]) -> Callable[[Measurements], Measurements]:
-        return lambda rows: replace(rows, joints=change(rows.joints))
+    def changed(change: Callable[[Array, Array], Array], by: Array) -> Correction:
+        return lambda rows: replace(rows, joints=change(rows.joints, by))
 
     for given, factor in (("degrees", np.pi / 180), ("rad", 180 / np.pi)):
         factors = np.where(turning, factor, 1.0)
-        yield Hypothesis("joint_unit", (given,), 2, changed(lambda q, f=factors: q * f))
+        yield Hypothesis("joint_unit", (given,), 2, changed(np.multiply, factors))
         for j in np.flatnonzero(turning):
             alone = np.where(np.arange(count) == j, factor, 1.0)
-            yield Hypothesis("joint_unit", (given, names[j]), 2 * count, changed(lambda q, f=alone: q * f))
+            yield Hypothesis("joint_unit", (given, names[j]), 2 * count, changed(np.multiply, alone))
     moved = np.flatnonzero(np.ptp(data.joints, axis=0) > 0).tolist()
     for several in range(1, _MOST_SIGNS + 1):
         for negated in combinations(moved, several):
             signs = np.where(np.isin(np.arange(count), negated), -1.0, 1.0)
             of = tuple(names[j] for j in negated)
-            yield Hypothesis("joint_sign", of, float(count**several), changed(lambda q, s=signs: q * s))
+            yield Hypothesis("joint_sign", of, float(count**several), changed(np.multiply, signs))
     for j in np.flatnonzero(turning):
         for quarters in _QUARTERS:
             offset = np.where(np.arange(count) == j, quarters * np.pi / 2, 0.0)
             data_of = (("offset_rad", float(offset[j])),)
-            yield Hypothesis("joint_zero", (names[j],), 3 * count, changed(lambda q, o=offset: q + o), data=data_of)
+            yield Hypothesis("joint_zero", (names[j],), 3 * count, changed(np.add, offset), data=data_of)
     pairs = list(combinations(range(count), 2))
     for a, b in pairs:
         order = np.arange(count)
         order[[a, b]] = b, a
-        yield Hypothesis("joints_exchanged", (names[a], names[b]), len(pairs), changed(lambda q, o=order: q[:, o]))
+        yield Hypothesis(
+            "joints_exchanged", (names[a], names[b]), len(pairs), changed(np.matmul, np.eye(count)[:, order])
+        )
     for a, b in permutations(range(count), 2):
         for sign in (-1.0, 1.0):
             mixed = np.eye(count)
             mixed[b, a] = sign
             of = names[a], names[b], "-" if sign > 0 else "+"
-            yield Hypothesis("joints_coupled", of, 4 * len(pairs), changed(lambda q, m=mixed: q @ m))
-    yield Hypothesis("joints_reversed", (), 1, changed(lambda q: q[:, ::-1]))
-    yield Hypothesis("rows_reversed", (), 1, changed(lambda q: q[::-1]))
+            yield Hypothesis("joints_coupled", of, 4 * len(pairs), changed(np.matmul, mixed))
+    yield Hypothesis("joints_reversed", (), 1, changed(np.matmul, np.eye(count)[::-1]))
+    yield Hypothesis("rows_reversed", (), 1, lambda rows: replace(rows, joints=rows.joints[::-1]))
     for by in _SHIFTS:
         yield Hypothesis("rows_shifted", (f"{by:+d}",), len(_SHIFTS), partial(_shifted, by=by))
 
@@ -147,10 +149,11 @@ def _exchanged_targets(data: Measurements) -> Iterator[Hypothesis]:
 
 def _in_a_part(of: Hypothesis, data: Measurements, better: NDArray[np.bool_]) -> Iterator[Hypothesis]:
     """Yield a mistake in the rows from one on, or up to one; of targets, in single rows, too."""
+    assert of.corrected is not None
     n, number, count = len(data), np.arange(len(data)), int(better.sum())
     if (cut := _stretch(better)) is not None and cut != (0, n - 1):
         which = (number >= cut[0]) & (number <= cut[1])
-        ids = data.ids[cut[0]], data.ids[cut[1]]
+        ids: tuple[str, ...] = (data.ids[cut[0]], data.ids[cut[1]])
         told = (*of.data, ("rows", int(which.sum())))
         part = partial(_read_in_part, of.corrected, which)
         yield Hypothesis(of.name, (*of.of, *ids), n * of.alternatives, part, data=told)

@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize
 from shared import Answer, Document, Flag, Section, Table, run_script, short
 
@@ -20,6 +21,7 @@ import lab
 from lab.core import se3
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
+from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.serial_arm import SerialArm
 
 _TABLES = {  # d1, a2, a3, d4, d5, d6 in mm (Universal Robots, "DH parameters")
@@ -115,7 +117,9 @@ def scene(reach: float, camera: str) -> tuple[Array, Array]:
     return T_flange_board, _looking(eye, at, np.array([0.0, 0.0, -1.0]))
 
 
-def places_px(T_flange: Array, camera: str, carried: Array, standing: Array, size: float) -> tuple[Array, Array]:
+def places_px(
+    T_flange: Array, camera: str, carried: Array, standing: Array, size: float
+) -> tuple[Array, NDArray[np.bool_]]:
     """Return places ``(n, c, 2)`` px of the corners of a board of some size, and ``(n,)`` whether all are seen well."""
     T_camera, T_board = (T_flange @ carried, standing) if camera == "hand" else (standing, T_flange @ carried)
     T = np.broadcast_to(se3.inverse(T_camera) @ T_board, (len(T_flange), 4, 4))
@@ -190,6 +194,7 @@ def campaign(row: dict[str, str], options: Options, seed: int, folder: Path) -> 
     in_hand = ("hand", "world") if options.camera == "hand" else ("world", "hand")
     (folder / "cameras.toml").write_text(_RIG.format(camera=in_hand[0], board=in_hand[1]))
     robot = lab.load_robot(folder / "robot.toml")
+    assert isinstance(robot.chain, Chain)
     arm = SerialArm(robot.chain)
     rng = np.random.default_rng([seed, int(row["hash"]) % 2**32])
     base, table, tool = arm.split(arm.nominal())
@@ -199,8 +204,8 @@ def campaign(row: dict[str, str], options: Options, seed: int, folder: Path) -> 
     size = 1 + options.board_percent / 100 * rng.standard_normal()
     joints = poses_in_sight(arm, options, (carried, standing), rng)
     data = pictures(arm, true, joints, options, (carried, standing), size, rng)
-    stated = {} if options.stated_percent is None else {"size_u_percent": options.stated_percent}
-    result = lab.identify(data, robot, observe="pixels", cameras=folder / "cameras.toml", **stated)
+    rig, stated = folder / "cameras.toml", options.stated_percent
+    result = lab.identify(data, robot, observe="pixels", cameras=rig, size_u_percent=stated)
     # errors of the maker's table and of the identified arm near the measured poses
     near = joints[rng.integers(len(joints), size=_JUDGED)] + rng.normal(0, _SPREAD, (_JUDGED, 6))
     values = arm.nominal()

@@ -35,8 +35,8 @@ from lab.noise.variance_components import (
 )
 from lab.robots.load_robot import load_robot
 from lab.studies import executors
-from lab.verification.change_test import change_test
 from lab.verification.predicted_points import STEP, CalibrationPrediction, VerificationProblem, with_estimated_noise
+from lab.verification.split_test import change_test
 
 SIGMA_M, SCATTER_RAD, CARRY, DRIFT_M, TAIL_DOF = 8e-6, 30e-6, 0.9, 60e-6, 3.0
 _ARMS = 5  # pose sets
