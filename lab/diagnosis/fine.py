@@ -38,6 +38,7 @@ _NEAR_RIVAL = 6.0
 _LIKE_EFFECTS = ("joint_gain", "joint_coupling", "joint_lag", "shear", "drift", "growth")
 _FOLDS = 5
 _LINKS = ("link", "joint_zero")  # fitted anyway
+_WANDERING = 12  # orders of an error that wanders with time
 _WAVES = 8  # of the smooth error, by joint
 _LEAST_SIGMA_M = 1e-7
 
@@ -196,7 +197,9 @@ class _Search:
         # columns of hypotheses, and of what may be off: links by tolerance, effects by kind, a smooth error
         stepping = list(steps_of(model, jacobian, slopes, rows.joint_names))
         lasting = list(lasting_mistakes(model, jacobian, slopes, rows, space, moves))
-        parts, kinds = _random_columns(found, jacobian, [*effects, _smooth(rows.joints, slopes)])
+        parts, kinds = _random_columns(
+            found, jacobian, [*effects, _smooth(rows.joints, slopes), _wandering(since, placed, predicted)]
+        )
         # in units of noise, pose by pose, with what is known beside the measurements
         sigma = max(1.0 if found.sigma_given else found.residual_sigma_m, _LEAST_SIGMA_M)
         off = jacobian @ (values - found.nominal_aligned)  # links are off from nominal, not from the fit
@@ -345,6 +348,19 @@ def _random_columns(
 
 def _width(candidates: Sequence[_Candidate]) -> int:
     return sum(each.columns.shape[2] for each in candidates)
+
+
+def _wandering(since: Array, placed: NDArray[np.bool_], predicted: Array) -> Array:
+    """Columns ``(n, k, d, c)`` of a place that wanders: cosines of time, the slow ones of the larger variance.
+
+    Args:
+        since: ``(n,)`` times, from -0.5 to 0.5.
+        placed: ``(k,)`` which things are positions.
+    """
+    order = np.arange(1, min(_WANDERING, len(since) // 3) + 1)
+    made = np.cos(np.pi * (since[:, None] + 0.5) * order) / order  # (n, w)
+    axes = np.eye(predicted.shape[2]) * placed[:, None, None]  # (k, d, d)
+    return (axes[None, ..., None] * made[:, None, None, None, :]).reshape(*predicted.shape, -1)
 
 
 def _smooth(joints: Array, slopes: Array) -> Array:
