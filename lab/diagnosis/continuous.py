@@ -79,6 +79,7 @@ class Space:
         times: ``(n,)`` of the rows, over a span of one.
         base: ``(3,)`` place of the arm's base in it, about which the arm grows; None where nobody knows it.
         is_centred: whether base, tool and zeros are fitted: else mistakes are about the zero of joints and frame.
+        moved: ``(n, k, d, c)`` derivatives by a motion of the base; None where it is not placed.
     """
 
     predicted: Array
@@ -86,6 +87,7 @@ class Space:
     times: Array
     base: Array | None = None
     is_centred: bool = True
+    moved: Array | None = None
 
     def mistakes(self) -> Iterator[Hypothesis]:
         """Yield mistakes of the measured space: scale, shear, drift and growth."""
@@ -105,8 +107,10 @@ class Space:
         sheared[..., 1, 4] = -points[..., 1]
         yield Hypothesis("shear", columns=sheared, units=("1",) * 5)
         at = self.times[:, None, None, None]
-        axes = np.eye(3) * self.placed[:, None, None]
-        yield Hypothesis("drift", columns=at * axes, units=("m",) * 3)
+        if self.moved is None:
+            yield Hypothesis("drift", columns=at * np.eye(3) * self.placed[:, None, None], units=("m",) * 3)
+        else:
+            yield Hypothesis("drift", columns=at * self.moved, units=("m", "m", "m", "rad", "rad", "rad"))
         grown = points if self.base is None else (self.predicted - self.base) * self.placed[:, None]
         yield Hypothesis("growth", columns=at * grown[..., None], units=("1",))
 
@@ -132,7 +136,8 @@ def lasting_mistakes(
                 yield Hypothesis("joint_coupling", (names[a], names[b]), pairs, columns=mixed, units=("1",))
     if moves is not None and (moving := np.flatnonzero(moves.any(axis=0))).size:
         lag, of_moving = slopes[..., moving] * moves[:, None, None, moving], tuple(names[j] for j in moving)
-        yield Hypothesis("joint_lag", columns=lag, units=("1",) * len(moving), data=(("joints", of_moving),))
+        shares = ("1",) * len(moving), (1.0,) * len(moving)
+        yield Hypothesis("joint_lag", columns=lag, units=shares[0], prior=shares[1], data=(("joints", of_moving),))
     links = [(i, each) for i, each in enumerate(model.parameters) if each.is_link]
     for i, each in links:
         zero = _ZERO.fullmatch(each.name)

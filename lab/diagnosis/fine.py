@@ -5,7 +5,7 @@ are fitted, each with all variances estimated again. The best is accepted and fr
 each finding is tested again beside the others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +33,7 @@ _MOST_NUMBERS = 30  # of a pose: of more, those in which anything shows
 _MOST_FINDINGS = 5
 _REFITTED = 5  # hypotheses of a search
 _WORTH_A_REFIT = 0.4  # of what a hypothesis has to reach, by its score
-_EVIDENCE = 14.0  # of twice the log-likelihood, beside its price: very strong (Kass & Raftery 1995)
+_EVIDENCE = 18.0  # of twice the log-likelihood, beside its price: very strong (Kass & Raftery 1995)
 _NEAR_RIVAL = 6.0
 _LIKE_EFFECTS = ("joint_gain", "joint_coupling", "joint_lag", "shear", "drift", "growth")
 _FOLDS = 5
@@ -49,12 +49,12 @@ class Fine:
 
     Attributes:
         findings: the one that explains most first.
-        outliers: ids of the poses that are far off beside them.
+        outliers: poses that are far off beside them, by their ids: root mean square length of their errors (m).
         fit: the marginal model with the findings in it.
     """
 
     findings: tuple[Finding, ...]
-    outliers: tuple[str, ...]
+    outliers: Mapping[str, float]
     fit: MarginalFit
 
 
@@ -86,9 +86,9 @@ def fine_mistakes(
         moves = None if moves is None else moves[taken]
     search = _Search.of(found, observed, rows, effects, _Blocks.of(poses, observed), moves)
     fit, findings = search.run()
-    far = tuple(
-        name for name, outlying in zip(search.ids, fit.variances.outlying[: len(search.ids)], strict=True) if outlying
-    )
+    outlying = np.flatnonzero(fit.variances.outlying[: len(search.ids)])
+    errors_m = np.sqrt((fit.left**2).sum(axis=1) / np.maximum(fit.problem.mask.sum(axis=1) / 3, 1)) * search.metres
+    far = {search.ids[i]: float(errors_m[i]) for i in outlying}
     return Fine(tuple(findings), far, fit)
 
 
@@ -193,7 +193,8 @@ class _Search:
         placed = np.arange(predicted.shape[1]) < observation_of(model).positions  # other things are in no space
         base = columns_of(model, ("base",))
         at = values[list(base[:3])] if len(base) == 6 and placed.any() else None
-        space = Space(predicted, placed, since, base=at)
+        moved = jacobian[..., list(base)] if at is not None else None
+        space = Space(predicted, placed, since, base=at, moved=moved)
         # columns of hypotheses, and of what may be off: links by tolerance, effects by kind, a smooth error
         stepping = list(steps_of(model, jacobian, slopes, rows.joint_names))
         lasting = list(lasting_mistakes(model, jacobian, slopes, rows, space, moves))
@@ -293,7 +294,9 @@ class _Search:
             if near and candidate.hypothesis.name in _LINKS:  # fitted anyway, whichever it is
                 continue
             first = len(self.problem.kinds) + _width(accepted[:i])
-            findings.append(self._finding(fit, candidate, evidence, first, near))
+            finding = self._finding(fit, candidate, evidence, first, near)
+            if finding.makes_sense:
+                findings.append(finding)
         return sorted(findings, key=lambda each: -each.explains_m)
 
     def _predicts(self, candidate: _Candidate, without: MarginalFit, fit: MarginalFit) -> bool:

@@ -5,7 +5,7 @@ so a few wrong rows neither hide a mistake nor look like one (Rissanen 1978). Mi
 shortens the description most first.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,13 +44,13 @@ class Gross:
     Attributes:
         findings: the one that shortens the description most first.
         corrected: the measurements with all of them undone.
-        outliers: ids of the rows that are far off with them undone.
+        outliers: rows that are far off with them undone, by their ids: root mean square length of their errors (m).
         misses: ``(n,)`` root mean square error of a coordinate of each row (m), as read.
     """
 
     findings: tuple[Finding, ...]
     corrected: Measurements
-    outliers: tuple[str, ...]
+    outliers: Mapping[str, float]
     misses: Array
 
 
@@ -146,7 +146,7 @@ def gross_mistakes(
         task, here = task.by(found[0].hypothesis), found[1]
     limit = _FAR * max(here.ordinary_m, _SCALES_M[0])
     far = _alone(np.nan_to_num(here.misses, nan=0.0) > limit)
-    outliers = tuple(name for name, outlying in zip(data.ids, far, strict=True) if outlying)
+    outliers = {data.ids[i]: float(np.sqrt(3) * here.misses[i]) for i in np.flatnonzero(far)}
     return Gross(tuple(findings), here.data, outliers, first.misses)
 
 

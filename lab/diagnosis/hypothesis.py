@@ -29,7 +29,7 @@ class Hypothesis:
         sensor: reads the corrected measurements, where it is another one: cameras in the hand for in the room.
         columns: ``(n, k, d, c)`` derivatives of the observed numbers of the rows by the c numbers of a continuous one.
         units: of these numbers: ``m``, ``rad``, or ``1`` for a ratio.
-        prior: their standard deviations in these units; none where they may be of any size.
+        prior: the sizes in these units beyond which they make no sense; none where they may be of any size.
         rivals: names of hypotheses that such measurements may confuse with it.
         data: further words of its phrase.
     """
@@ -84,6 +84,12 @@ class Finding:
     def is_discrete(self) -> bool:
         """Whether it is a mistake of reading that is undone as a whole."""
         return self.hypothesis.corrected is not None
+
+    @property
+    def makes_sense(self) -> bool:
+        """Whether its sizes are such as the hypothesis can have."""
+        most = self.hypothesis.prior
+        return most is None or all(abs(size) <= limit for size, limit in zip(self.sizes, most, strict=True))
 
     @property
     def check(self) -> Check:

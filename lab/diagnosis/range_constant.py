@@ -90,9 +90,14 @@ def range_findings(identification: Identification, *, adequate: bool = True) -> 
         adequate: whether no lack of fit was found; beside one a constant is a finding beyond five standard deviations.
     """
     found, sigmas = fitted_range(identification), _LEAST_SIGMAS if adequate else _LACKING_SIGMAS
-    if found is None or abs(found.constant_m) <= max(_LEAST_M, sigmas * found.std_m):
+    if found is None:
         return []
-    evidence = (found.constant_m / found.std_m) ** 2
+    # where the residuals are more than the stated noise, they are the measure
+    larger = max(float(np.nan_to_num(identification.residual_sigma_m / identification.sigma_m, nan=1.0)), 1.0)
+    std_m = larger * found.std_m
+    if abs(found.constant_m) <= max(_LEAST_M, sigmas * std_m):
+        return []
+    evidence = (found.constant_m / std_m) ** 2
     points = int(np.isfinite(identification.residuals).all(axis=-1).sum())
     hypothesis = Hypothesis(
         "range_constant",
@@ -101,5 +106,5 @@ def range_findings(identification: Identification, *, adequate: bool = True) -> 
         prior=None if found.prior_m is None else (found.prior_m,),
         data=(("in_frame", found.in_frame), ("in_shape", found.in_shape)),
     )
-    explains_m = float(identification.sigma_m * np.sqrt(evidence / points))
-    return [Finding(hypothesis, evidence, (found.constant_m,), (found.std_m,), explains_m, accepted=True)]
+    explains_m = float(larger * identification.sigma_m * np.sqrt(evidence / points))
+    return [Finding(hypothesis, evidence, (found.constant_m,), (std_m,), explains_m, accepted=True)]

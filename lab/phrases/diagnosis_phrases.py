@@ -226,6 +226,11 @@ def _lag(check: Check) -> str:
     return f"the recorded joint positions do not follow the arm: {behind}, by shares of the last move of {shares}"
 
 
+def _outliers(check: Check) -> str:
+    of, size = check.data["of"], short_length(check.data["size_m"])
+    return f"{_poses(of)} {'are' if len(of) > 1 else 'is'} off by {'up to ' if len(of) > 1 else ''}{size}"
+
+
 _CONTINUOUS: Mapping[str, Callable[[Check], str]] = {
     "base_step": _step(lambda _: "the base or the instrument moved"),
     "tool_step": _step(lambda _: "the tool moved on the flange"),
@@ -238,12 +243,13 @@ _CONTINUOUS: Mapping[str, Callable[[Check], str]] = {
     "scale": _scale,
     "range_constant": _range_constant,
     "shear": lambda check: f"the measured space is sheared by {_size(check)}",
-    "outliers": lambda check: f"{_poses(check.data['of'])} {'are' if len(check.data['of']) > 1 else 'is'} far off",
+    "outliers": _outliers,
     "drift": lambda check: f"the base or the instrument drifts by {_size(check)} over the campaign",
     "growth": _growth,
 }
 _ADVICE: Mapping[str, str] = {  # of what no fit contains
     "target_step": "Measure again with the target fixed, or leave it out on one side of the step",
+    "outliers": "Measure these poses again, or leave them out (use = skip)",
     "joint_gain": "Check the joint's gear ratio and encoder",
     "joint_coupling": "Check the coupling of these joints in the controller and in --robot",
     "joint_lag": "Let the arm settle before each measurement",

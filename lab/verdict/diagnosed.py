@@ -17,7 +17,7 @@ from lab.core.measurements import Measurements
 from lab.diagnosis.continuous import moves_before
 from lab.diagnosis.fine import fine_mistakes
 from lab.diagnosis.gross import Gross, gross_mistakes
-from lab.diagnosis.hypothesis import Diagnosable, Finding
+from lab.diagnosis.hypothesis import Diagnosable, Finding, Hypothesis
 from lab.kinematics.effects.effect import Step
 from lab.kinematics.effects.steps import STEPS
 from lab.kinematics.model import RigidArm
@@ -26,7 +26,8 @@ from lab.robots.robot_files import own_models
 from lab.verdict.fitted import Fitted
 
 __all__ = [
-    "accepted_of", "checks_of", "diagnosed", "gross_of", "misread_points", "read_as_accepted", "rms_m",
+    "accepted_of", "checks_of", "diagnosed",
+    "further_outliers", "gross_of", "misread_points", "read_as_accepted", "rms_m",
     "undone", "with_fitted",
 ]  # fmt: skip
 
@@ -35,6 +36,7 @@ _GROUP_OF = {"drift": "drift", "joint_coupling": "coupling"}  # that fits a mist
 _MOSTLY = 0.5  # of a mean square error
 _MOVED_M = 1e-6  # range of points that move
 _LEAST_ROWS = 3  # given ones, on either side of a step
+_LEAST_DOF = 20  # of a fit beside which anything is searched
 _FITTED_ANYWAY = ("link", "joint_zero")  # parameters of every fit: only their size is a finding
 
 
@@ -125,7 +127,7 @@ def diagnosed(state: Fitted) -> Fitted:
         found = fitter.identified_with(rows, (), ())
     except LabError:  # the fit itself says why
         return state
-    if found.status != "converged" or not np.isfinite(found.residual_sigma_m) or not found.dof > 0:
+    if found.status != "converged" or not np.isfinite(found.residual_sigma_m) or found.dof < _LEAST_DOF:
         return state
     observed, _ = weigh(observation_of(found.model), rows, fitter.noise.independent)
     effects = fitter.derivatives_by_others(found, (), rows, _MISTAKES)
@@ -151,7 +153,22 @@ def diagnosed(state: Fitted) -> Fitted:
                 findings = tuple(each for each in findings if each.name not in STEPS)
         except LabError:  # too few rows for the steps' parameters: they are found, but not fitted
             fitter, findings = state.fitter, fine.findings
-    return replace(state, fitter=fitter, diagnosis=(*state.diagnosis, *findings))
+    far = {**state.far, **fine.outliers}
+    return replace(state, fitter=fitter, far=far, diagnosis=(*state.diagnosis, *findings))
+
+
+def further_outliers(state: Fitted) -> list[Finding]:
+    """Return the poses far off that the test of outliers does not name, as one finding; nothing where there are none.
+
+    Needs: ``far``, ``outliers``.
+    """
+    named = {pose.id for pose in state.outliers}
+    sizes = {name: size for name, size in state.far.items() if name not in named}
+    if not sizes:
+        return []
+    explains_m = float(np.sqrt(sum(size**2 for size in sizes.values()) / len(state.given)))
+    hypothesis = Hypothesis("outliers", tuple(sizes), data=(("size_m", max(sizes.values())),))
+    return [Finding(hypothesis, float("nan"), explains_m=explains_m)]
 
 
 def _with_residuals(findings: Sequence[Finding], found: Identification, beside: Identification) -> tuple[Finding, ...]:

@@ -1,6 +1,6 @@
 """State that the steps of an identification pass on: measurements, fit, checks, validation, verdict."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -130,7 +130,7 @@ class Fitted:
         tail_dof: degrees of freedom of Student's t that the noise's tails are like; infinite where Gaussian's will do.
         measured: the joint positions of ``rows``, and what the model may lack beyond them; None where no points were
             observed.
-        far: ids of single poses that the placed nominal arm misses by much: the diagnosis leaves them aside.
+        far: single poses that are far off, by their ids: root mean square length of their errors (m).
         diagnosis: mistakes in the measurements that a refit confirmed, the foremost first.
         findings: about the errors, beyond independent noise: steps, drift, scatter, effects that the model lacks.
         prediction: observed against predicted errors at the validation poses; None where they were not compared.
@@ -145,7 +145,7 @@ class Fitted:
     source: str = ""
     progress: Progress = field(default=no_progress, repr=False, compare=False)
     checks: tuple[Check, ...] = ()
-    far: tuple[str, ...] = ()
+    far: Mapping[str, float] = field(default_factory=dict)
     diagnosis: tuple[Finding, ...] = ()
     selection: Selection | None = None
     groups: tuple[str, ...] = ()

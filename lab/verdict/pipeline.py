@@ -47,7 +47,16 @@ from lab.prediction.regions import Region, measured_region, region_of_points, wo
 from lab.prediction.residual_spread import for_later_rows
 from lab.prediction.validation import Validation, shared_rows, validate_file, validate_folds, validate_rows
 from lab.prediction.workspace_prediction import bounds_at, check_prediction, own_tolerance
-from lab.verdict.diagnosed import accepted_of, checks_of, diagnosed, gross_of, rms_m, undone, with_fitted
+from lab.verdict.diagnosed import (
+    accepted_of,
+    checks_of,
+    diagnosed,
+    further_outliers,
+    gross_of,
+    rms_m,
+    undone,
+    with_fitted,
+)
 from lab.verdict.fit_checks import (
     FIT_CHECKS,
     check_excluded,
@@ -264,7 +273,7 @@ def _find_mistakes(state: Fitted) -> Fitted:
         data, sensor = undone(fitter.data, fitter.kind, findings)
         again = start(fitter.robot, data, sensor, fitter.noise, fitter.options, judging, seed=fitter.seed)
         state = replace(again, source=state.source, progress=state.progress, checks=state.checks)
-    state = replace(state, diagnosis=findings, far=() if gross is None else gross.outliers)
+    state = replace(state, diagnosis=findings, far={} if gross is None else gross.outliers)
     if gross is None or not state.misread:
         return state
     plain = replace(fitter.options, groups=(), search=False, residual=False, robust=False)
@@ -360,7 +369,8 @@ def _find_outliers(state: Fitted) -> Fitted:
         outliers += named_poses(
             state.held_out, outliers_among_held_out(found, state.rows, state.held_out, noise, tail), held_out=True
         )
-    return replace(state, outlier_search=search, outliers=outliers, tail_dof=tail)
+    state = replace(state, outlier_search=search, outliers=outliers, tail_dof=tail)
+    return state if state.misread else replace(state, diagnosis=(*state.diagnosis, *further_outliers(state)))
 
 
 def _check_lack_of_fit(state: Fitted) -> Fitted:

@@ -116,7 +116,10 @@ def test_nothing_is_left_of_a_finding_in_another_order(rows: Measurements) -> No
     assert not [each for each in found_in(shuffled) if each.name.endswith("_step")]
 
 
-def test_a_pose_far_off_is_an_outlier_and_no_finding(rows: Measurements) -> None:
+def test_a_pose_far_off_is_an_outlier_and_nothing_else(rows: Measurements) -> None:
     moved = rows.points.copy()
     moved[33] += [0.002, -0.001, 0.0]
-    assert not found_in(replace(rows, points=moved))
+    result = lab.identify(replace(rows, points=moved), robot="irb120")
+    named = {pose.id for pose in result.state.outliers}
+    assert named | {name for each in result.diagnosis for name in each.hypothesis.of} == {"33"}
+    assert {each.name for each in result.diagnosis} <= {"outliers"}

@@ -94,7 +94,7 @@ def test_one_wrong_pose_is_an_outlier_and_no_mistake_of_all(campaign: tuple[str,
     moved[12] += [0.05, -0.02, 0.03]
     gross = diagnosed(robot, replace(rows, points=moved))
     assert not gross.findings
-    assert gross.outliers == (rows.ids[12],)
+    assert list(gross.outliers) == [rows.ids[12]]
 
 
 def test_three_targets_that_are_exchanged_name_their_rows() -> None:
