@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from pose_batches import MAX_STEPS, MeasuredPoses, StackedPoseArm, fit_poses
 from scipy.special import elliprg
 from shared import SERIES, Answer, Document, Flag, drawing, paragraphs, run_script, save_figure, write_rows
 
-from lab.calibration.batched_fits import MAX_STEPS, MeasuredPoses, StackedPoseArm, fit_poses
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for

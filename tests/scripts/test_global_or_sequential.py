@@ -5,8 +5,8 @@ from dataclasses import replace
 import global_or_sequential as script
 import numpy as np
 import pytest
+from pose_batches import StackedPoseArm
 
-from lab.calibration.batched_fits import StackedPoseArm
 from lab.calibration.fit_options import PLAIN, FitOptions
 from lab.calibration.identification import identify
 from lab.calibration.weights import Noise

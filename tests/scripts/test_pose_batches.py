@@ -2,8 +2,8 @@
 
 import numpy as np
 from helpers.robots import RX130
+from pose_batches import MeasuredPoses, StackedPoseArm, fit_poses
 
-from lab.calibration.batched_fits import MeasuredPoses, StackedPoseArm, fit_poses
 from lab.kinematics.serial.serial_arm import SerialArm
 
 
