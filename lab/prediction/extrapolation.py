@@ -52,7 +52,6 @@ __all__ = [
     "model_covariances",
     "neighbours",
     "position_covariances",
-    "prediction_squares",
 ]
 
 MOST_UNCOVERED = 0.5  # of a workspace, targets or poses: where more is extrapolated, nothing is good without a word
@@ -587,25 +586,3 @@ def model_covariances(
     if found.process is not None or left.widened == 1:
         return whole
     return np.asarray(whole + (left.widened - 1) * position_covariances(found, None, inputs))
-
-
-def prediction_squares(
-    found: Identification, measured: MeasuredRange | None, inputs: Array, points: Array, left: ResidualSpread
-) -> tuple[Array, Array]:
-    """Squares e' V^-1 e ``(n, k)`` of measured less predicted points, and the same by noise and parameters alone.
-
-    V is that of the noise (as large as the residuals are), of the parameters, and of what is beyond the range.
-
-    Args:
-        inputs: ``(n, joints + conditions)``.
-        points: ``(n, k, 3)`` m.
-        left: what the fit left of the measurements that it comes from.
-    """
-    error = points - found.model.points(inputs, found.values)[:, : points.shape[1]]
-    with_range, without = (
-        np.einsum("nki,nki->nk", error, np.linalg.solve(each, error[..., None])[..., 0])
-        for each in (
-            model_covariances(found, what, inputs, left) + left.total_m**2 * np.eye(3) for what in (measured, None)
-        )
-    )
-    return with_range, without

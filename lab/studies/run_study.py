@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
 from lab.core.errors import LabError, option_name
-from lab.core.progress import Stage, no_stage, stages
+from lab.core.progress import Stage, no_stage
 from lab.core.se3 import Array
 from lab.core.whole_folder import (
     draft_of,
@@ -37,12 +37,11 @@ from lab.extension_points import receive_parts, sent_parts
 from lab.formats.structured import read_json, read_structured
 from lab.kinematics.effects.effect import PAYLOAD
 from lab.robots.load_robot import load_robot
-from lab.studies.analysis import CampaignArray
 from lab.studies.campaigns import COLUMNS, cell_poses, difference, origin_of, other_version, run_task
-from lab.studies.executors import TIMEOUT_S, StoppedError, local_executor, run_jobs
+from lab.studies.executors import TIMEOUT_S, StoppedError, run_jobs
 from lab.studies.grid import OF_PLAN, GridCell, Study, Task, study_from
 
-__all__ = ["StudyDone", "read_campaigns", "read_store", "run_study", "study_runner"]
+__all__ = ["StudyDone", "read_campaigns", "read_store", "run_study"]
 
 _CONFIG, _MANIFEST, _POSES, _CAMPAIGNS = "config.json", "manifest.json", "poses", "campaigns"
 _DIGEST = "sha256"  # of the numbers, in a file of campaigns
@@ -438,23 +437,3 @@ def _work(origin: dict[str, Any], robot: str, parts: bytes, function: Callable[.
 @lru_cache
 def _origin_here(robot: str) -> dict[str, Any]:
     return origin_of(robot)
-
-
-@contextmanager
-def study_runner(workers: int) -> Iterator[Callable[[Study, Path], tuple[CampaignArray, StudyDone]]]:
-    """Yield a function that runs studies on processes of this machine, each into a new or unfinished folder.
-
-    The function returns a study's campaigns in order, and its result; it refuses a folder of another study.
-    """
-    with local_executor(workers) as executor:
-
-        def run(study: Study, folder: Path) -> tuple[CampaignArray, StudyDone]:
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            with stages("running the study") as progress:
-                there = (folder / "config.json").is_file()
-                done = run_study(study, folder, executor, resume=there, progress=progress)
-            table = read_campaigns(folder)
-            columns = {name: table[name].to_numpy() for name in table.column_names}
-            return CampaignArray.of(columns, study.cells, study.seed), done
-
-        yield run

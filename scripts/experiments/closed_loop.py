@@ -11,20 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from iso_cube import SIDES_M, circle_positions, cube_positions, line_positions
 from shared import Answer, Document, Flag, Paragraph, paragraphs, run_script
 
 import lab
 from lab.calibration.most_likely import most_likely_parameters
 from lab.compensation.compensator import CLEAR_RAD, Compensator
-from lab.compensation.iso9283 import (
-    CYCLES,
-    SIDES_M,
-    accuracy,
-    circle_positions,
-    cube_positions,
-    line_positions,
-    repeatability,
-)
+from lab.compensation.iso9283 import CYCLES, accuracy, repeatability
 from lab.core import limits, se3
 from lab.core.errors import LabError
 from lab.core.limits import whole

@@ -16,11 +16,13 @@ from scipy import stats
 from shared import Answer, Document, Flag, Section, Table, run_script, short
 
 import lab
+from lab.calibration.identification import Identification
 from lab.calibration.row_groups import configurations, folds
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
-from lab.prediction.extrapolation import joint_regions, prediction_squares
+from lab.prediction.extrapolation import MeasuredRange, joint_regions, model_covariances
+from lab.prediction.residual_spread import ResidualSpread
 from lab.robots.load_robot import load_robot
 from lab.robots.robot import Robot
 
@@ -98,6 +100,28 @@ def cross_validated(robot: Robot, data: Measurements, model: str, held: list[NDA
         "within_bounds_covered": float(inside[covered].mean()) if covered.any() else float("nan"),
         "within_bounds_of_covariance": float(np.concatenate(plain).mean()),
     }
+
+
+def prediction_squares(
+    found: Identification, measured: MeasuredRange | None, inputs: Array, points: Array, left: ResidualSpread
+) -> tuple[Array, Array]:
+    """Squares e' V^-1 e ``(n, k)`` of measured less predicted points, and the same by noise and parameters alone.
+
+    V is that of the noise (as large as the residuals are), of the parameters, and of what is beyond the range.
+
+    Args:
+        inputs: ``(n, joints + conditions)``.
+        points: ``(n, k, 3)`` m.
+        left: what the fit left of the measurements that it comes from.
+    """
+    error = points - found.model.points(inputs, found.values)[:, : points.shape[1]]
+    with_range, without = (
+        np.einsum("nki,nki->nk", error, np.linalg.solve(each, error[..., None])[..., 0])
+        for each in (
+            model_covariances(found, what, inputs, left) + left.total_m**2 * np.eye(3) for what in (measured, None)
+        )
+    )
+    return with_range, without
 
 
 def _bound(dof: int, tail_dof: float) -> float:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from shared import SERIES, Answer, Document, Flag, Table, drawing, paragraphs, run_script, save_figure
+from study_runs import study_runner
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
@@ -21,7 +22,6 @@ from lab.options.option_groups import Effects
 from lab.report.style import MUTED, REFERENCE
 from lab.studies.analysis import CampaignArray, resampled
 from lab.studies.grid import NONE, Study
-from lab.studies.run_study import study_runner
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from live_tables import Chance, LiveTables, chances, commonest_order, live_tables
 from shared import Answer, Document, Flag, Row, Section, Table, paragraphs, run_script
 
 from lab.core.errors import LabError
 from lab.extensions.reproduction.thesis_case import CRITERIA, INTO, OFFSETS, thesis_case
-from lab.extensions.reproduction.thesis_tables import Chance, LiveTables, chances, commonest_order, live_tables
 
 ROWS = {True: "all 19 rows", False: "without d3, θ5, α5"}
 

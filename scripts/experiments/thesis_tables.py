@@ -27,6 +27,7 @@ from shared import (
     run_script,
     save_figure,
 )
+from study_runs import study_runner
 
 from lab.core.number_text import fixed
 from lab.core.random import rng_for
@@ -39,7 +40,7 @@ from lab.robots.load_robot import load_virtual
 from lab.simulation.collisions import random_poses
 from lab.studies.analysis import CampaignArray, Comparison, Mean, Pair, compared, groups, means
 from lab.studies.grid import ANY, GridCell, Study
-from lab.studies.run_study import read_store, study_runner
+from lab.studies.run_study import read_store
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

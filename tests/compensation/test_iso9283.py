@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from iso_cube import circle_positions, cube_positions, line_positions
 
-from lab.compensation.iso9283 import accuracy, circle_positions, cube_positions, line_positions, repeatability
+from lab.compensation.iso9283 import accuracy, repeatability
 
 
 def test_the_poses_of_the_cube() -> None:

@@ -16,7 +16,7 @@ from shared import run_script
 
 from helpers.robots import ROOT
 
-_TAKING = ("lab.studies.executors", "lab.studies.run_study", "lab.studies.study")
+_TAKING = ("lab.studies.executors", "study_runs", "lab.studies.study")
 
 
 @contextlib.contextmanager

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120
 from helpers.run_script import answer_in_processes, answer_of
+from iso_cube import circle_positions, cube_positions, line_positions
 
-from lab.compensation.iso9283 import accuracy, circle_positions, cube_positions, line_positions, repeatability
+from lab.compensation.iso9283 import accuracy, repeatability
 from lab.simulation.collisions import random_poses
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from extrapolation import prediction_squares
 from helpers.robots import IRB120
 from scipy import stats
 
@@ -37,7 +38,6 @@ from lab.prediction.estimate_files import (
     residual_to_dict,
     write_residual,
 )
-from lab.prediction.extrapolation import prediction_squares
 from lab.prediction.residual_spread import residual_spread
 
 ARM = IRB120.arm(("p1",))

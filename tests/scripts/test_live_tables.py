@@ -3,14 +3,14 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import live_tables as script
 import numpy as np
 import pytest
 from helpers.printed_irb120 import TABLE, frames
+from live_tables import LiveTables, chances, commonest_order, live_tables
 
 from lab.core.errors import LabError
-from lab.extensions.reproduction import thesis_tables
 from lab.extensions.reproduction.thesis_case import errors
-from lab.extensions.reproduction.thesis_tables import LiveTables, chances, commonest_order, live_tables
 
 LEFT_OUT = ((1, 1), (4, 1), (4, 2), (5, 0), (5, 3))  # d2, d5, a5, theta6, alpha6
 KEPT = [(i, j) for i in range(6) for j in range(4) if (i, j) not in LEFT_OUT]
@@ -44,7 +44,7 @@ def best_of_random(name: str, seed: int, count: int, starts: int) -> SimpleNames
 @pytest.fixture(scope="module")
 def tables() -> LiveTables:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(thesis_tables, "searched", best_of_random)
+        patch.setattr(script, "searched", best_of_random)
         return live_tables(("random", "O1", "condition", "O2"), 20.0, 3, 1500)
 
 
