@@ -118,9 +118,9 @@ class Kind:
 
 
 def session_of(day: Any, accuracy_m: float) -> Session:
-    """Return a simulated session as one that mistakes are made in, with the nominal arm and one target at least."""
-    arm, true = day.robot.serial_arm(day.measurements.targets or ("p1",)), day.true_robot
-    return Session(day.measurements, arm, true.robot.values_before(arm, true.T_world_tracker), accuracy_m)
+    """Return a simulated session as one that mistakes are made in, with the true arm and one target at least."""
+    truth = day.true_robot.truth(day.measurements.targets or ("p1",))
+    return Session(day.measurements, truth.arm, truth.values, accuracy_m)
 
 
 def kinds_for(targets: int, observe: str = "points") -> dict[str, Kind]:
@@ -449,13 +449,14 @@ def _tool_step(session: Session, size: float, rng: np.random.Generator) -> Mista
 
 
 def _link(session: Session, size: float, rng: np.random.Generator) -> Mistaken:
-    """A length along a link's x, or its twist about it, off by so many mm (half as many mrad for each)."""
+    """A length along a link's x, or its twist about it, off by so many mm or twice as many mrad."""
     of, twisted = _joint(session, rng) + 1, rng.random() < 0.3
-    before, x = session.frames(of - 1), session.frames(of)[:, None, :3, 0]
-    arm = session.data.points - before[:, None, :3, 3]
-    shape = np.cross(x, arm) * (2.0 if twisted else 0.0) + (0.0 if twisted else 1.0) * x
-    points, name = session.data.points + rng.choice([-1, 1]) * 1e-3 * size * shape, "alpha" if twisted else "a"
-    return replace(_pointed(session, points, "link", f"link{of}.{name}"), number=1e-3 * size * (2 if twisted else 1))
+    frame = session.frames(of - 1 if session.arm.chain.convention == "craig" else of)[:, None]
+    x, reach = frame[..., :3, 0], session.data.points - frame[..., :3, 3]
+    number, name = 1e-3 * size * rng.choice([-1, 1]) * (2 if twisted else 1), "alpha" if twisted else "a"
+    turned = np.cross(x, reach) * np.sin(number) + np.cross(x, np.cross(x, reach)) * (1 - np.cos(number))
+    points = session.data.points + (turned if twisted else number * x)
+    return replace(_pointed(session, points, "link", f"link{of}.{name}"), number=abs(number))
 
 
 # -- orientations ------------------------------------------------------------------------------------------------------

@@ -38,6 +38,9 @@ def test_a_calibration_of_the_geometry_leaves_no_more_of_a_mistake_than_there_is
     for name in TIMES:
         wrong = made(session, name, 10)
         assert 0 < mistakes.visible_m(session, wrong) < wrong.rms_m
+    for seed in range(6):  # lengths and twists
+        wrong = made(session, "link", 1, seed)
+        assert mistakes.visible_m(session, wrong) < 1e-2 * wrong.rms_m
     wrong = made(session, "scale", 0.01)
     assert mistakes.visible_m(session, wrong) < 1e-6 < 1e-3 < wrong.rms_m  # the links and the base take it whole
 
