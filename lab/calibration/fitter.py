@@ -360,14 +360,14 @@ class Fitter:
     def derivatives_by_others(
         self, found: Identification, groups: Sequence[str], rows: Measurements, but: Collection[str] = ()
     ) -> list[Array]:
-        """Derivatives of what rows observe by the parameters of each candidate group that is not in the model.
+        """Derivatives of what rows observe by the parameters of each requested or candidate group outside the model.
 
         Args:
             but: candidates that are left out.
         """
         task = SelectionTask(self.model_with, self.nominal, rows, self.noise, self.fit_options)
         made = []
-        for name in self.options.candidates:
+        for name in dict.fromkeys((*self.options.candidates, *self.options.groups)):
             if name not in (*groups, *but):
                 with suppress(LabError):  # a group that the arm or the columns do not allow
                     made.append(task.derivatives(name, found))

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import own_effect
 import own_parts
 import pytest
 
@@ -325,6 +326,17 @@ def test_auto_tries_a_group_of_a_package_where_it_is_named() -> None:
         lab.calibrate("irb120", poses=20, model="auto+compliance")
     with pytest.raises(LabError, match=r"model runot: no such group.*did you mean runout"):
         lab.calibrate("irb120", poses=20, model="auto+runot")
+
+
+@pytest.mark.thorough
+def test_what_an_effect_of_the_model_explains_is_no_step() -> None:
+    oil = lab.Effects(own_effects=(own_effect.Oil(urad_per_k=5),))
+    rows = lab.simulate("irb120", poses=60, seed=7, effects=oil).measurements
+    alone, beside = (
+        lab.identify(rows, robot="irb120", model=model, instrument="uniform-8um")
+        for model in ("geometric", own_effect.Oil)
+    )
+    assert {each.name for each in alone.diagnosis} == {"joint_step"} and not beside.diagnosis
 
 
 def test_a_run_reads_its_columns_and_asks_for_its_package_again(
