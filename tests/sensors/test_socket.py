@@ -7,6 +7,7 @@ import pytest
 from helpers.fixture_data import many, measured_fixtures
 from helpers.robots import IRB120, data_file
 
+import lab
 from lab.calibration.identification import identify
 from lab.calibration.row_groups import cv_groups_of
 from lab.calibration.weights import Noise
@@ -84,3 +85,12 @@ def test_balls_in_sockets() -> None:
     assert 0.15 < 1e3 * errors.after.mean() <= 0.25
     centres = found.values[found.model.first :].reshape(-1, 2, 3)
     np.testing.assert_allclose(np.linalg.norm(np.diff(centres, axis=1), axis=2), 0.05, atol=5e-6)
+
+
+@pytest.mark.thorough
+def test_the_uncertain_distance_of_sockets_hides_no_effect_of_a_real_arm() -> None:
+    file, options = data_file("panda_sockets_mukca_3.csv"), {"robot": "panda", "observe": "socket"}
+    plain, chosen = (
+        lab.identify(file, model=model, socket_distance_mm=50, **options) for model in ("geometric", "auto")
+    )
+    assert chosen.after.mean < 0.8 * plain.after.mean

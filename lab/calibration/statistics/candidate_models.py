@@ -515,6 +515,7 @@ _FLIPS = 999  # of signs: the level is exact for so many and one
 _FLIPS_AT_ONCE = 128  # whose falls stay in the processor's cache
 _STAGE = 8  # groups that are taken before all others are looked at anew
 _POOL = 48  # groups that a stage chooses from
+_PRIOR_ERROR = 3.0  # standard deviations: the largest error of a prior
 _LEFT = 1e-3  # share of a column's squares that what is fitted has to leave
 _TIE = 1e-3  # share of a fall by which groups that are equivalent beside geometry differ: the table's first is taken
 _ONE_COLUMN = 1e-9  # share of their squares that two columns have apart, where they are one
@@ -649,6 +650,7 @@ class TermSearch:
         residual: ``(r,)`` what that leaves.
         starts: ``(clusters,)`` the first row of each cluster: rows whose errors may go together.
         allowed: ``(g,)`` the groups that may be taken.
+        beside: number of the last rows, which are known beside the measurements: priors.
         largest_std: of a parameter that is of any use (rad, m).
         floor: the least standard deviation of a whitened residual.
     """
@@ -659,6 +661,7 @@ class TermSearch:
     residual: Array
     starts: NDArray[np.int_]
     allowed: NDArray[np.bool_]
+    beside: int
     largest_std: float
     floor: float
 
@@ -712,6 +715,7 @@ class TermSearch:
             left - basis @ (basis.T @ left),
             starts,
             ~np.array(taken, dtype=bool),
+            len(known),
             largest_std,
             floor,
         )
@@ -771,9 +775,18 @@ class TermSearch:
 
     def _scores(self) -> Array:
         """Return the contribution ``(clusters, p)`` of each cluster to the columns' products, less the fitted part."""
-        errors = jackknifed(self.residual, self.basis)[:, None]
+        errors = jackknifed(self.residual, self.basis)
+        known = slice(len(errors) - self.beside, None)  # the standard deviation of a prior is stated
+        errors[known] = np.clip(errors[known], -_PRIOR_ERROR * self._sigma, _PRIOR_ERROR * self._sigma)
+        errors = errors[:, None]
         raw, fitted = (cluster_sums(rows * errors, self.starts) for rows in (self.columns, self.basis))
         return np.asarray(raw - fitted @ self._shared)
+
+    @property
+    def _sigma(self) -> float:
+        """Standard deviation of a whitened residual."""
+        dof = max(len(self.residual) - self.basis.shape[1], 1)
+        return max(float(np.sqrt(self.residual @ self.residual / dof)), self.floor)
 
     def _gram(self) -> Array:
         return self._squares - _products_of_pairs(self._shared, self._pairs)
@@ -783,10 +796,8 @@ class TermSearch:
         free = (gram[[0, 2]] > _LEFT * np.maximum(self._squares[[0, 2]], 1e-300)).all(axis=0)
         apart = 1 - gram[1] ** 2 / np.maximum(gram[0] * gram[2], 1e-300)
         share = np.where(self._single, 1.0, np.maximum(apart, 0.0))
-        dof = max(len(self.residual) - self.basis.shape[1], 1)
-        sigma = max(float(np.sqrt(self.residual @ self.residual / dof)), self.floor)
         least = np.sqrt(np.maximum(np.minimum(gram[0], gram[2]), 0.0) * share)
-        return np.asarray(self.allowed & free & (share > _APART) & (sigma < self.largest_std * least))
+        return np.asarray(self.allowed & free & (share > _APART) & (self._sigma < self.largest_std * least))
 
     def _threshold(
         self, scores: Array, gram: Array, useful: NDArray[np.bool_], rng: np.random.Generator, level: float
