@@ -15,7 +15,7 @@ from lab.core.checks import Check
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
 from lab.diagnosis.continuous import moves_before
-from lab.diagnosis.fine import fine_mistakes
+from lab.diagnosis.fine import Fine, fine_mistakes
 from lab.diagnosis.gross import Gross, gross_mistakes
 from lab.diagnosis.hypothesis import Diagnosable, Finding, Hypothesis
 from lab.kinematics.effects.effect import Step
@@ -120,41 +120,44 @@ def diagnosed(state: Fitted) -> Fitted:
 
     Rows held out count, too: they show between which poses something moved. Sizes are fitted to the others.
 
-    Needs: ``given``. Adds: ``diagnosis``; ``fitter`` has the steps.
+    Needs: ``given``. Adds: ``diagnosis``, ``far``; ``fitter`` has the steps.
     """
+    if (fine := _fine(state)) is None:
+        return state
+    steps = {each.hypothesis: step for each in fine.findings if (step := _step(each, state)) is not None}
+    findings = tuple(
+        each.as_accepted() if each.hypothesis in steps or each.name in _FITTED_ANYWAY else each
+        for each in fine.findings
+    )
+    state = replace(state, far={**state.far, **fine.outliers})
+    fitter = state.fitter.with_steps(tuple(steps.values())) if steps else state.fitter
+    try:
+        before, after = (each.identified_with(state.given, (), ()) for each in (state.fitter, fitter))
+    except LabError:  # too few rows for the steps' parameters: they are found, but not fitted
+        return replace(state, diagnosis=(*state.diagnosis, *fine.findings))
+    if set(after.unobservable) - set(before.unobservable):  # what the rows cannot show did not move
+        fitter, findings = state.fitter, tuple(each for each in findings if each.name not in STEPS)
+    findings = _with_residuals(findings, before, after)
+    return replace(state, fitter=fitter, diagnosis=(*state.diagnosis, *findings))
+
+
+def _fine(state: Fitted) -> Fine | None:
+    """Return the continuous mistakes beside a fit of the geometry; None where the rows determine none."""
     fitter, rows = state.fitter, _all_rows(state).without(state.far)
     try:
         found = fitter.identified_with(rows, (), ())
     except LabError:  # the fit itself says why
-        return state
+        return None
     if found.status != "converged" or not np.isfinite(found.residual_sigma_m) or found.dof < _LEAST_DOF:
-        return state
+        return None
     observed, _ = weigh(observation_of(found.model), rows, fitter.noise.independent)
     effects = fitter.derivatives_by_others(found, (), rows, _MISTAKES)
+    several = fitter.kind.several_a_pose
+    moves = moves_before(fitter.data, rows.ids, several_a_pose=several)
     try:
-        several = fitter.kind.several_a_pose
-        moves = moves_before(fitter.data, rows.ids, several_a_pose=several)
-        fine = fine_mistakes(found, observed, rows, effects, moves=moves, several_a_pose=several)
+        return fine_mistakes(found, observed, rows, effects, moves=moves, several_a_pose=several)
     except np.linalg.LinAlgError:  # variances that the residuals do not determine
-        return state
-    found_steps = [_step(each, rows, state.given) for each in fine.findings]
-    steps = tuple(each for each in found_steps if each is not None)
-    fitted = [
-        step is not None or each.name in _FITTED_ANYWAY for each, step in zip(fine.findings, found_steps, strict=True)
-    ]
-    findings = tuple(each.as_accepted() if has else each for each, has in zip(fine.findings, fitted, strict=True))
-    if steps:
-        fitter = fitter.with_steps(steps)
-        try:
-            before, after = (each.identified_with(state.given, (), ()) for each in (state.fitter, fitter))
-            findings = _with_residuals(findings, before, after)
-            if set(after.unobservable) - set(before.unobservable):  # what the rows cannot show did not move
-                fitter = state.fitter
-                findings = tuple(each for each in findings if each.name not in STEPS)
-        except LabError:  # too few rows for the steps' parameters: they are found, but not fitted
-            fitter, findings = state.fitter, fine.findings
-    far = {**state.far, **fine.outliers}
-    return replace(state, fitter=fitter, far=far, diagnosis=(*state.diagnosis, *findings))
+        return None
 
 
 def further_outliers(state: Fitted) -> list[Finding]:
@@ -221,13 +224,14 @@ def _all_rows(state: Fitted) -> Measurements:
     return rows[[name in names for name in rows.ids]]
 
 
-def _step(finding: Finding, rows: Measurements, given: Measurements) -> Step | None:
+def _step(finding: Finding, state: Fitted) -> Step | None:
     """Return the step of a finding, at its place in the campaign; None of other findings.
 
     A step that too few of the given rows are before, or after, cannot be fitted: rows held out are beyond it.
     """
     if finding.name not in STEPS:
         return None
+    rows, given = _all_rows(state), state.given
     last, first = finding.hypothesis.of[-2:]
     places = dict(zip(rows.ids, rows.places.tolist(), strict=True))
     place = (places[last] + places[first]) / 2
