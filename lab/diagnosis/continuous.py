@@ -123,21 +123,13 @@ def lasting_mistakes(
     Args:
         moves: ``(n, joints)`` from the pose measured before each row; None where nobody knows them.
     """
-    joints, names = rows.joints, rows.joint_names
-    about = joints - joints.mean(axis=0) if space.is_centred else joints
-    count = len(names)
-    for a in range(count):
-        gain = slopes[..., a : a + 1] * about[:, None, None, a : a + 1]
-        yield Hypothesis("joint_gain", (names[a],), count, columns=gain, units=("1",), rivals=("joint_coupling",))
-        for b in range(count):
-            if a != b:
-                mixed = slopes[..., a : a + 1] * about[:, None, None, b : b + 1]
-                pairs = count * (count - 1)
-                yield Hypothesis("joint_coupling", (names[a], names[b]), pairs, columns=mixed, units=("1",))
+    names = rows.joint_names
+    about = rows.joints - rows.joints.mean(axis=0) if space.is_centred else rows.joints
+    yield from _gains(names, slopes, about)
     if moves is not None and (moving := np.flatnonzero(moves.any(axis=0))).size:
         lag, of_moving = slopes[..., moving] * moves[:, None, None, moving], tuple(names[j] for j in moving)
-        shares = ("1",) * len(moving), (1.0,) * len(moving)
-        yield Hypothesis("joint_lag", columns=lag, units=shares[0], prior=shares[1], data=(("joints", of_moving),))
+        units, most = ("1",) * len(moving), (1.0,) * len(moving)
+        yield Hypothesis("joint_lag", columns=lag, units=units, prior=most, data=(("joints", of_moving),))
     links = [(i, each) for i, each in enumerate(model.parameters) if each.is_link]
     for i, each in links:
         zero = _ZERO.fullmatch(each.name)
@@ -145,6 +137,19 @@ def lasting_mistakes(
         column = jacobian[..., i : i + 1]
         yield Hypothesis(name, (of,), len(links), columns=column, units=(each.unit.si,), rivals=("scale",))
     yield from space.mistakes()
+
+
+def _gains(names: Sequence[str], slopes: Array, about: Array) -> Iterator[Hypothesis]:
+    """Yield joints whose readings are too large by a share of themselves, or of another joint's."""
+    count = len(names)
+    pairs = count * (count - 1)
+    for a in range(count):
+        for b in range(count):
+            made = slopes[..., a : a + 1] * about[:, None, None, b : b + 1]
+            if a == b:
+                yield Hypothesis("joint_gain", (names[a],), count, columns=made, units=("1",))
+            else:
+                yield Hypothesis("joint_coupling", (names[a], names[b]), pairs, columns=made, units=("1",))
 
 
 def moves_before(data: Measurements, ids: Sequence[str], *, several_a_pose: bool = False) -> Array:

@@ -31,46 +31,77 @@ _STARTS, _STUCK_STEPS, _DIFFERENCE = 8, 6, 1e-6
 
 def joint_mistakes(joints: JointSpec, data: Measurements) -> Iterator[Hypothesis]:
     """Yield mistakes of all rows' joint positions."""
-    names, count = data.joint_names, len(data.joint_names)
-    turning = ~np.array(joints.prismatic, dtype=np.bool_)
+    names, turning = data.joint_names, ~np.array(joints.prismatic, dtype=np.bool_)
+    yield from _units(names, turning)
+    yield from _signs(names, np.flatnonzero(np.ptp(data.joints, axis=0) > 0).tolist())
+    yield from _zeros(names, np.flatnonzero(turning).tolist())
+    yield from _pairs(names)
+    yield Hypothesis("joints_reversed", (), 1, _changed(lambda q: q[:, ::-1]))
+    yield Hypothesis("rows_reversed", (), 1, _changed(lambda q: q[::-1]))
+    for by in _SHIFTS:
+        yield Hypothesis("rows_shifted", (f"{by:+d}",), len(_SHIFTS), partial(_shifted, by=by))
 
-    def changed(change: Callable[[Array, Array], Array], by: Array) -> Correction:
-        return lambda rows: replace(rows, joints=change(rows.joints, by))
 
+def _changed(change: Callable[[Array], Array]) -> Correction:
+    """Return a correction of the joint positions."""
+    return lambda rows: replace(rows, joints=change(rows.joints))
+
+
+def _scaled(factors: Array) -> Correction:
+    return _changed(lambda q: q * factors)
+
+
+def _units(names: Sequence[str], turning: NDArray[np.bool_]) -> Iterator[Hypothesis]:
+    """Yield another unit of all turning joints, or of one."""
+    number = np.arange(len(names))
     for given, factor in (("degrees", np.pi / 180), ("rad", 180 / np.pi)):
-        factors = np.where(turning, factor, 1.0)
-        yield Hypothesis("joint_unit", (given,), 2, changed(np.multiply, factors))
+        yield Hypothesis("joint_unit", (given,), 2, _scaled(np.where(turning, factor, 1.0)))
         for j in np.flatnonzero(turning):
-            alone = np.where(np.arange(count) == j, factor, 1.0)
-            yield Hypothesis("joint_unit", (given, names[j]), 2 * count, changed(np.multiply, alone))
-    moved = np.flatnonzero(np.ptp(data.joints, axis=0) > 0).tolist()
-    for several in range(1, _MOST_SIGNS + 1):
+            yield Hypothesis("joint_unit", (given, names[j]), 2 * len(names), _scaled(np.where(number == j, factor, 1)))
+
+
+def _signs(names: Sequence[str], moved: Sequence[int]) -> Iterator[Hypothesis]:
+    """Yield joints that are counted the other way: one, a few, or all."""
+    count = len(names)
+    for several in dict.fromkeys((*range(1, min(_MOST_SIGNS, len(moved)) + 1), len(moved))):
         for negated in combinations(moved, several):
             signs = np.where(np.isin(np.arange(count), negated), -1.0, 1.0)
-            of = tuple(names[j] for j in negated)
-            yield Hypothesis("joint_sign", of, float(count**several), changed(np.multiply, signs))
-    for j in np.flatnonzero(turning):
+            alternatives = float(count ** min(several, _MOST_SIGNS))
+            yield Hypothesis("joint_sign", tuple(names[j] for j in negated), alternatives, _scaled(signs))
+
+
+def _zeros(names: Sequence[str], turning: Sequence[int]) -> Iterator[Hypothesis]:
+    """Yield zeros that are off by quarter turns."""
+    for j in turning:
         for quarters in _QUARTERS:
-            offset = np.where(np.arange(count) == j, quarters * np.pi / 2, 0.0)
-            data_of = (("offset_rad", float(offset[j])),)
-            yield Hypothesis("joint_zero", (names[j],), 3 * count, changed(np.add, offset), data=data_of)
+            offset = np.eye(len(names))[j] * quarters * np.pi / 2
+            told = (("offset_rad", float(offset[j])),)
+            yield Hypothesis("joint_zero", (names[j],), 3 * len(names), partial(_moved, by=offset), data=told)
+
+
+def _pairs(names: Sequence[str]) -> Iterator[Hypothesis]:
+    """Yield pairs of joints that are exchanged, or of which one reading holds the other."""
+    count = len(names)
     pairs = list(combinations(range(count), 2))
     for a, b in pairs:
         order = np.arange(count)
         order[[a, b]] = b, a
-        yield Hypothesis(
-            "joints_exchanged", (names[a], names[b]), len(pairs), changed(np.matmul, np.eye(count)[:, order])
-        )
+        exchanged = _changed(partial(_in_order, order=order))
+        yield Hypothesis("joints_exchanged", (names[a], names[b]), len(pairs), exchanged)
     for a, b in permutations(range(count), 2):
         for sign in (-1.0, 1.0):
             mixed = np.eye(count)
             mixed[b, a] = sign
             of = names[a], names[b], "-" if sign > 0 else "+"
-            yield Hypothesis("joints_coupled", of, 4 * len(pairs), changed(np.matmul, mixed))
-    yield Hypothesis("joints_reversed", (), 1, changed(np.matmul, np.eye(count)[::-1]))
-    yield Hypothesis("rows_reversed", (), 1, lambda rows: replace(rows, joints=rows.joints[::-1]))
-    for by in _SHIFTS:
-        yield Hypothesis("rows_shifted", (f"{by:+d}",), len(_SHIFTS), partial(_shifted, by=by))
+            yield Hypothesis("joints_coupled", of, 4 * len(pairs), _changed(partial(_mixed, by=mixed)))
+
+
+def _in_order(joints: Array, order: NDArray[np.int_]) -> Array:
+    return joints[:, order]
+
+
+def _mixed(joints: Array, by: Array) -> Array:
+    return np.asarray(joints @ by)
 
 
 def _shifted(rows: Measurements, by: int) -> Measurements:
