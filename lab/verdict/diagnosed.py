@@ -46,15 +46,19 @@ def gross_of(state: Fitted) -> Gross | None:
     kind, data = fitter.kind, fitter.data
     if not (isinstance(kind, Diagnosable) or (kind.in_instrument_frame and data.points.shape[2] == 3)):
         return None
-    if data.points.shape[2] == 3 and not any(
-        np.ptp(data.points[seen, k], axis=0).max() > _MOVED_M for k, seen in enumerate(data.seen.T) if seen.any()
-    ):
+    if data.targets and data.points.shape[2] == 3 and not _moves(data):
         return None  # points that are the same in every pose can be read in any way
     if len(fitter.session.stations) > 1:
         return None  # one placement is not of points in several frames
     arm = fitter.robot.arm(fitter.targets)
     nominal = arm.nominal({target: np.zeros(3) for target in fitter.targets})
     return gross_mistakes(kind, arm, data, nominal, _others(arm, fitter.targets), fitter.seed)
+
+
+def _moves(data: Measurements) -> bool:
+    """Check whether any target moves from pose to pose."""
+    seen = [data.points[rows, k] for k, rows in enumerate(data.seen.T) if rows.any()]
+    return any(float(np.ptp(each, axis=0).max()) > _MOVED_M for each in seen)
 
 
 def misread_points(robot: NominalRobot, data: Measurements, seed: int = 0) -> tuple[Finding, ...]:
