@@ -14,13 +14,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.gauss_newton import Observations
-from lab.calibration.guess import columns_of, initial_guess
+from lab.calibration.guess import columns_of
 from lab.core.errors import LabError, be, counted
 from lab.core.limits import CLOCK_DRIFT_PPM
 from lab.core.measurements import measured
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.diagnosis.placement import placed
 from lab.phrases.phrase import phrase
 from lab.robots.robot import Robot
 from lab.verdict.diagnosed import misread_points
@@ -30,8 +31,6 @@ __all__ = ["LEAST_POSES", "ClockComparison", "ClockOffset", "NominalFit", "Place
 LEAST_POSES = 6  # distinct ones, which overdetermine base and tool
 _TOLERANCE = 0.05  # of the points' median distance from their middle, within which a point follows the nominal arm
 _DISTINCT = 0.01  # rad or m: joint positions that are closer are one pose
-_BEST_SHARE = 0.6  # of the points: by the best ones base and tool are fitted again where not all follow
-_REFITS = 4
 
 
 class NominalFit:
@@ -77,8 +76,7 @@ class NominalFit:
     def predicted(self, joints: Array, targets: NDArray[np.int_], points: Array) -> Array:
         """Return where ``(n, 3)`` (m) the nominal arm has points; NaN where its loops do not close.
 
-        Base and tool are fitted to all points, then again to the nearest ones as long as some do not follow (least
-        trimmed squares: Rousseeuw & Van Driessen 2006).
+        Base and tool are placed robustly, as some points may be taken for wrong poses.
 
         Args:
             joints: ``(n, joints)`` rad or m, of each point.
@@ -88,24 +86,11 @@ class NominalFit:
         n = len(joints)
         seen = np.full((n, self._count, 3), np.nan)
         seen[np.arange(n), targets] = points
-        possible = np.isfinite(self.flanges(joints)).all(axis=1)
-        fitted, best, most = np.flatnonzero(possible), np.full((n, 3), np.nan), -1
-        if len(fitted) < LEAST_POSES:
-            return best
-        retained = max(LEAST_POSES, int(np.ceil(_BEST_SHARE * len(fitted))))
-        for _ in range(1 + _REFITS):
-            some = Observations(joints[fitted], seen[fitted], np.ones((len(fitted), self._count)))
-            values = initial_guess(self._arm, some, self._nominal)
-            here = np.full((n, 3), np.nan)
-            here[possible] = self._arm.points(joints[possible], values)[np.arange(possible.sum()), targets[possible]]
-            apart = np.nan_to_num(np.linalg.norm(here - points, axis=1), nan=np.inf)
-            if (follow := int((apart <= self.tolerance_m).sum())) > most:
-                best, most = here, follow
-            nearest = np.sort(np.argsort(apart, kind="stable")[:retained])
-            if follow == possible.sum() or np.array_equal(nearest, fitted):
-                break
-            fitted = nearest
-        return best
+        possible, found = np.isfinite(self.flanges(joints)).all(axis=1), np.full((n, 3), np.nan)
+        if possible.sum() >= LEAST_POSES:
+            at = placed(self._arm, joints[possible], seen[possible], self._nominal, rng_for(0, "null"))
+            found[possible] = at.predicted[np.arange(possible.sum()), targets[possible]]
+        return found
 
 
 _PAIRS = 400_000  # of points and windows by which offsets are searched
