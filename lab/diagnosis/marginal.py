@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lab.core.se3 import Array
 
-__all__ = ["MarginalFit", "Problem", "Variances", "estimated", "rotated"]
+__all__ = ["MarginalFit", "Problem", "Variances", "compressed", "estimated", "rotated"]
 
 _ROUNDS, _STEPS = 12, 4  # of the noise, and in each of the variances of the columns
 _CONVERGED = 0.3  # of the deviance from round to round
@@ -56,11 +56,6 @@ class Problem:
         """Return the problem with more columns ``(n, m, c)``, without a prior."""
         kinds = np.concatenate([self.kinds, np.full(columns.shape[2], -1)])
         return replace(self, columns=np.concatenate([self.columns, columns], axis=2), kinds=kinds)
-
-    def of_rows(self, rows: NDArray[np.int_]) -> "Problem":
-        """Return the problem of some poses."""
-        residual, columns, scatter = (each[rows] for each in (self.residual, self.columns, self.scatter))
-        return Problem(residual, columns, self.kinds, scatter, self.mask[rows], self.sigma_given)
 
 
 def rotated(

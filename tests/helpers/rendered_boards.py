@@ -1,12 +1,13 @@
 """Render pictures of boards in software: rays through parts of each pixel, with blur and noise."""
 
 import numpy as np
+import pytest
 import scipy  # its filters are loaded at their first use
 
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extensions.cameras.detection import printed
+from lab.extensions.cameras.detection import TAGS, charuco_pattern
 from lab.extensions.cameras.geometry import sight_lines
 from lab.extensions.cameras.rig import PX, Board, Camera
 
@@ -48,5 +49,34 @@ def _pattern(board: Board) -> tuple[Array, float, tuple[float, float]]:
         inside = (down >= -1) & (down < board.rows) & (along >= -1) & (along < board.columns)
         side = float(MM.to_si(board.square_mm))
         return np.where(inside & ((down + along) % 2 == 0), _BLACK, _WHITE), side, (-2 * side, -2 * side)
-    picture, cell_m, corner = printed(board, _PER_SQUARE)
+    picture, cell_m, corner = _printed(board, _PER_SQUARE)
     return np.where(picture > 127, _WHITE, _BLACK), cell_m, corner
+
+
+def _printed(board: Board, per_square: int) -> tuple[np.ndarray, float, tuple[float, float]]:
+    """Return the pattern of a ChArUco board or of tags, as it is printed.
+
+    Args:
+        per_square: pixels of a square, or of a tag and its gap.
+
+    Returns:
+        Grey levels ``(h, w)``, the side of their pixels (m), and where the first one begins (m) on the board.
+    """
+    cv2 = pytest.importorskip("cv2")
+    if board.kind == "charuco":
+        size = (per_square * (board.columns + 1), per_square * (board.rows + 1))
+        picture = np.pad(np.asarray(charuco_pattern(cv2, board).generateImage(size)), per_square, constant_values=255)
+        side = float(MM.to_si(board.square_mm))
+        return picture, side / per_square, (-2 * side, -2 * side)
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, TAGS))
+    pixel_mm = board.tag_mm / (10 * max(per_square // 10, 1))
+    side, gap = round(board.tag_mm / pixel_mm), round(board.gap_mm / pixel_mm)
+    edge = max(gap, side // 4)
+    across, down = (edge * 2 + count * side + (count - 1) * gap for count in (board.columns, board.rows))
+    picture = np.full((down, across), 255, dtype=np.uint8)
+    for tag in range(board.columns * board.rows):
+        row, column = divmod(tag, board.columns)
+        y, x = (edge + i * (side + gap) for i in (row, column))
+        picture[y : y + side, x : x + side] = cv2.aruco.generateImageMarker(dictionary, tag, side)
+    start = float(MM.to_si(-edge * pixel_mm))
+    return picture, float(MM.to_si(pixel_mm)), (start, start)

@@ -8,13 +8,12 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.extras import optional
 from lab.core.se3 import Array
-from lab.core.units import MM
 from lab.extensions.cameras.rig import Board
 
-__all__ = ["detected", "picture_of", "printed"]
+__all__ = ["TAGS", "charuco_pattern", "detected", "picture_of"]
 
 _LEAST_CORNERS = 4
-_TAGS = "DICT_APRILTAG_36h11"
+TAGS = "DICT_APRILTAG_36h11"
 _WINDOW = 3  # pixels, half of the window in which a tag's corner is settled
 
 
@@ -58,7 +57,7 @@ def detected(picture: np.ndarray, board: Board) -> tuple[np.ndarray, Array]:
     if board.kind == "checkerboard":
         return _checkerboard(cv2, picture, board)
     if board.kind == "charuco":
-        places, numbers, _, _ = cv2.aruco.CharucoDetector(_charuco(cv2, board)).detectBoard(picture)
+        places, numbers, _, _ = cv2.aruco.CharucoDetector(charuco_pattern(cv2, board)).detectBoard(picture)
         return _found(numbers, places)
     return _tags(cv2, picture, board)
 
@@ -92,7 +91,7 @@ def _tags(cv2: Any, picture: np.ndarray, board: Board) -> tuple[np.ndarray, Arra
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     parameters.cornerRefinementWinSize = _WINDOW
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, _TAGS))
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, TAGS))
     corners, numbers, _ = cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(picture)
     if numbers is None:
         return _found(None, None)
@@ -111,7 +110,7 @@ def _found(numbers: Any, places: Any) -> tuple[np.ndarray, Array]:
     return np.ravel(numbers).astype(np.int_), np.asarray(places, dtype=np.float64).reshape(-1, 2)
 
 
-def _charuco(cv2: Any, board: Board) -> Any:
+def charuco_pattern(cv2: Any, board: Board) -> Any:
     """Return OpenCV's board.
 
     Raises:
@@ -124,32 +123,3 @@ def _charuco(cv2: Any, board: Board) -> Any:
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
     size = (board.columns + 1, board.rows + 1)
     return cv2.aruco.CharucoBoard(size, board.square_mm, board.marker_mm, dictionary)
-
-
-def printed(board: Board, per_square: int) -> tuple[np.ndarray, float, tuple[float, float]]:
-    """Return the pattern of a ChArUco board or of tags, as it is printed.
-
-    Args:
-        per_square: pixels of a square, or of a tag and its gap.
-
-    Returns:
-        Grey levels ``(h, w)``, the side of their pixels (m), and where the first one begins (m) on the board.
-    """
-    cv2 = _opencv()
-    if board.kind == "charuco":
-        size = (per_square * (board.columns + 1), per_square * (board.rows + 1))
-        picture = np.pad(np.asarray(_charuco(cv2, board).generateImage(size)), per_square, constant_values=255)
-        side = float(MM.to_si(board.square_mm))
-        return picture, side / per_square, (-2 * side, -2 * side)
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, _TAGS))
-    pixel_mm = board.tag_mm / (10 * max(per_square // 10, 1))
-    side, gap = round(board.tag_mm / pixel_mm), round(board.gap_mm / pixel_mm)
-    edge = max(gap, side // 4)
-    across, down = (edge * 2 + count * side + (count - 1) * gap for count in (board.columns, board.rows))
-    picture = np.full((down, across), 255, dtype=np.uint8)
-    for tag in range(board.columns * board.rows):
-        row, column = divmod(tag, board.columns)
-        y, x = (edge + i * (side + gap) for i in (row, column))
-        picture[y : y + side, x : x + side] = cv2.aruco.generateImageMarker(dictionary, tag, side)
-    start = float(MM.to_si(-edge * pixel_mm))
-    return picture, float(MM.to_si(pixel_mm)), (start, start)

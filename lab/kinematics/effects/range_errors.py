@@ -37,7 +37,6 @@ __all__ = [
     "range_errors",
     "range_prior_rows",
     "with_range_errors",
-    "without_range_errors",
 ]
 
 RANGE = "range"  # the group of the parameters
@@ -61,12 +60,6 @@ def with_range_errors(points: Array, errors: Array) -> Array:
     constant, scale = errors[:, None, :1], errors[:, None, 1:]
     measured: Array = points * (1 + scale + constant / _ranges(points))
     return measured
-
-
-def without_range_errors(points: Array, constant: float, scale: float) -> Array:
-    """Return the points ``(..., 3)`` m that are measured at ``points`` with a constant (m) and a scale."""
-    true: Array = points * (1 - constant / _ranges(points)) / (1 + scale)
-    return true
 
 
 def by_range_errors(points: Array, errors: Array, jacobian: Array) -> tuple[Array, Array]:
