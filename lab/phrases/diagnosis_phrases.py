@@ -128,7 +128,6 @@ _DISCRETE: Mapping[str, Phrase] = {
     "rows_reversed": "the joint positions are in the reversed order of what was measured",
     "rows_shifted": _shifted,
     "rows_exchanged": "the joint positions of poses {of[0]} and {of[1]} are exchanged",
-    "row_repeated": "pose {of[0]} has the joint positions of the pose before",
     "point_unit": _unit,
     "points_mirrored": "the frame of the points is mirrored (an axis negated, or two exchanged)",
     "targets_exchanged": lambda check: f"targets {_named(check.data['of'])} are exchanged",
