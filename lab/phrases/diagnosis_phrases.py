@@ -22,10 +22,10 @@ _MOST_NAMED = 5  # poses or pictures in a sentence
 _PER_CENT = Unit("1", "%", 100.0)
 
 
-def _named(names: Sequence[str]) -> str:
+def _named(names: Sequence[str], most: int = _MOST_NAMED) -> str:
     """Return names as a part of a sentence: "a", "a and b", "a, b, c and 4 more"."""
-    if len(names) > _MOST_NAMED:
-        return f"{', '.join(names[:_MOST_NAMED])} and {len(names) - _MOST_NAMED} more"
+    if len(names) > most:
+        return f"{', '.join(names[:most])} and {len(names) - most} more"
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
@@ -62,7 +62,7 @@ def _convention(check: Check) -> str:
 
 
 def _joints(names: Sequence[str]) -> str:
-    return f"joint{'s' * (len(names) > 1)} {_named(names)} {'are' if len(names) > 1 else 'is'}"
+    return f"joint{'s' * (len(names) > 1)} {_named(names, len(names))} {'are' if len(names) > 1 else 'is'}"
 
 
 def _signs(check: Check) -> str:
