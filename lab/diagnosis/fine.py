@@ -153,7 +153,7 @@ class _Candidate:
     def price(self) -> float:
         """What its numbers and its alternatives cost of twice the log-likelihood."""
         rows, count = self.columns.shape[0], self.columns.shape[2]
-        return float(count * np.log(rows) + 2 * np.log(self.hypothesis.alternatives))
+        return float(count * np.log(rows) + 2 * np.log(float(self.hypothesis.alternatives)))
 
 
 @dataclass(frozen=True)

@@ -258,7 +258,7 @@ class _Task:
         scaled = 3 * base.rows * float(np.log(dict(hypothesis.data).get("factor", 1.0)))  # as densities are
         if self._by_sensor:  # rows that are wrong in either unit are no better described in a larger one
             scaled = min(scaled, 0.0)
-        known = float(np.log(hypothesis.alternatives))
+        known = float(np.log(float(hypothesis.alternatives)))
         return base.length(base.rows) - reading.length(base.rows) + scaled - known
 
     def _thinned(self, data: Measurements, rows: int) -> Measurements:
