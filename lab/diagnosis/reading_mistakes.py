@@ -56,7 +56,7 @@ def _units(names: Sequence[str], turning: NDArray[np.bool_]) -> Iterator[Hypothe
     number = np.arange(len(names))
     for given, factor in (("degrees", np.pi / 180), ("rad", 180 / np.pi)):
         yield Hypothesis("joint_unit", (given,), 2, _scaled(np.where(turning, factor, 1.0)))
-        for j in np.flatnonzero(turning):
+        for j in np.flatnonzero(turning).tolist():
             yield Hypothesis("joint_unit", (given, names[j]), 2 * len(names), _scaled(np.where(number == j, factor, 1)))
 
 

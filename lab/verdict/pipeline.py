@@ -7,7 +7,7 @@ one of her own under its name, or runs a part of them and looks at the state::
     run_steps(start(robot, data, sensor), FITTING)
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial, wraps
@@ -281,7 +281,7 @@ def _find_mistakes(state: Fitted) -> Fitted:
     return replace(state, diagnosis=_with_errors(state, gross.outliers))
 
 
-def _with_errors(state: Fitted, outliers: Sequence[str]) -> tuple[Finding, ...]:
+def _with_errors(state: Fitted, outliers: Collection[str]) -> tuple[Finding, ...]:
     """Return the mistakes with the errors of the fit before each is undone, and after it.
 
     Args:
