@@ -34,6 +34,7 @@ __all__ = ["Campaign", "findings_of", "named", "read_rows", "table_of"]
 
 TARGETS = ("p1", "p2", "p3")
 INSTRUMENTS = {"points": "leica-at960", "pose": "leica-at960", "socket": "ball-in-socket", "cable": "draw-wire"}
+_UNJUDGED_M = 2e-4  # taken for the reached accuracy where too few poses were measured to judge it
 _LIMIT_S = 120  # processor time of one identification
 _MISSING = ("backlash", "gear", "cross harmonics", "ripple", "hardening", "compensator", "noise", "tails", "bending")
 _PAIRED = ("clean", "effects", "pairs")
@@ -299,7 +300,8 @@ def accuracy_of(robot: str, options: Options) -> float:
         )
         found = lab.identify(day.measurements, robot=_robot(robot), observe=options.observe, model="auto", **known)
         reached.append(float((found.to_dict()["after_mm"] or {"mean": np.nan})["mean"]))
-    return 1e-3 * float(np.nanmean(reached))
+    judged = [each for each in reached if np.isfinite(each)]
+    return 1e-3 * float(np.mean(judged)) if judged else _UNJUDGED_M
 
 
 def read_rows(path: Path) -> dict[str, dict[str, Any]]:
