@@ -20,7 +20,15 @@ __all__ = ["joint_mistakes", "point_mistakes", "row_mistakes", "zero_mistakes"]
 _MOST_SIGNS = 3  # joints that are counted the other way at once
 _SHIFTS = (1, -1, 2, -2, 3, -3)
 _QUARTERS = (1, 2, -1)  # quarter turns by which a zero is wrong
-_LENGTH_UNITS = (("mm", 1e-3), ("m", 1e3), ("inches", 0.0254), ("inches", 25.4), ("cm", 0.01), ("cm", 10.0))
+_LENGTH_UNITS = (
+    ("mm", 1e-3),
+    ("m", 1e3),
+    ("inches", 0.0254),
+    ("inches", 25.4),
+    ("cm", 0.01),
+    ("cm", 10.0),
+    ("mm", 0.1),
+)
 _MOST_SWAPPED = 12  # rows far off, of which pairs are tried
 _CLEARLY = 3.0  # times as small a miss, of a row that is read otherwise
 _MOST_TARGETS = 4  # of which exchanges are tried

@@ -199,6 +199,8 @@ def with_fitted(findings: Sequence[Finding], left_m: float, groups: Sequence[str
     """
 
     def is_fitted(each: Finding) -> bool:
+        if each.name == "scale":  # links that absorb it are wrong themselves
+            return False
         return _GROUP_OF.get(each.name) in groups or each.explains_m**2 * _MOSTLY > left_m**2
 
     return tuple(
