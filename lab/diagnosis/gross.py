@@ -34,7 +34,7 @@ _LARGE, _FAR = 3e-3, 8.0  # m of the median miss, and times it of the largest: b
 _FAR_FOR_ALL = 5.0  # times that median: what one joint read wrongly does at least to most rows
 _STRANGE_PRICE = 8.0  # nats of the links' distance from nominal: one of them is far beyond any tolerance
 _MOST_OUTLIERS, _MOVED_ROWS = 0.3, 3  # share of rows, and rows in succession at an end that are no outliers
-_ROBOT = 15.0  # nats of the choice of another robot
+_ROBOT = 6.0  # nats of the choice of another robot
 
 
 @dataclass(frozen=True)
