@@ -227,6 +227,10 @@ PHRASES: Mapping[str, Phrase] = {
         "quantization of the encoders causes errors of {rms_m:mm} (RMS); more poses average them, more readings do not"
     ),
     "joints.rounded": "joint positions are rounded to {step_rad:deg 6}, which causes errors of {rms_m:mm} (RMS)",
+    "joints.still": lambda check: (
+        f"{', '.join(check.data['joints'])} never moved: errors of a joint that stands still and of links around it "
+        "are not told apart; measure poses in which every joint moves"
+    ),
     "joints.limits": (
         "joint {joint}: {outside} of {count:n pose} {outside:be} beyond its limits; check units, signs and offsets"
     ),

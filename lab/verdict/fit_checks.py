@@ -58,6 +58,7 @@ __all__ = [
     "check_sessions",
     "check_setup",
     "check_size",
+    "check_still",
     "check_twist",
     "check_validation_poses",
     "check_workspace",
@@ -122,6 +123,7 @@ def changes(
 _WORTH = 0.8  # of the condition: a change that leaves more brings nothing
 _SURPRISING = 5.0  # standard deviations of the prior
 _CORRECTED = 0.7  # of an artefact's stated uncertainty: below, the arm's tolerances determine more than the artefact
+_STILL = 1e-4  # rad or m: a joint that moved less stood still
 _BEYOND = 0.02  # rad or m: a pose that is nearer to the measured range is at its edge
 _MOST_POSES = 20_000  # by which joint positions are looked at
 _MUCH_WORSE = 2.0  # times the predicted error where poses were measured
@@ -525,7 +527,15 @@ def _point_checks(state: Fitted) -> list[Check]:
 
 def _joint_checks(state: Fitted) -> list[Check]:
     chain = state.fitter.robot.chain
-    return check_joints(state.weighted, state.rows, chain.encoders) + check_twist(chain, state.weighted)
+    checks = check_joints(state.weighted, state.rows, chain.encoders) + check_twist(chain, state.weighted)
+    return checks + check_still(state.given)
+
+
+def check_still(rows: Measurements) -> list[Check]:
+    """Name the joints that never moved: poses do not tell their errors from those of the links around them."""
+    span = np.ptp(rows.joints, axis=0)
+    still = [name for name, moved in zip(rows.joint_names, span, strict=True) if moved < _STILL]
+    return [_noted("joints.still", joints=still)] if still and len(rows) > 1 else []
 
 
 # What the step "check fit" of the pipeline tests, in this order: from the state of a fit to checks.
