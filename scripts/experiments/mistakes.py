@@ -252,7 +252,8 @@ def _joint_gain(session: Session, size: float, rng: np.random.Generator) -> Mist
 
 
 def _joint_coupling(session: Session, size: float, rng: np.random.Generator) -> Mistaken:
-    other, of = sorted(rng.choice(np.arange(1, session.data.joints.shape[1]), 2, replace=False))
+    of = _joint(session, rng)  # not the last: a target on its axis would not show it
+    other = int(rng.choice(np.delete(np.arange(1, session.data.joints.shape[1]), of - 1)))
     shape = session.data.joints[:, [other]] * (np.arange(session.data.joints.shape[1]) == of)
     names = session.data.joint_names
     return _scaled(session, shape, size, "joint_coupling", names[of], names[other])
