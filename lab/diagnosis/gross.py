@@ -32,6 +32,7 @@ _FEW_ROWS, _MOST_ROWS = 40, 120  # by which hypotheses are compared: placed alon
 _REFINED = 8  # hypotheses
 _LARGE, _FAR = 3e-3, 8.0  # m of the median miss, and times it of the largest: below both nothing is searched
 _FAR_FOR_ALL = 5.0  # times that median: what one joint read wrongly does at least to most rows
+_NEARER = 8.0  # times, that mistakes undone bring the arm nearer to most rows
 _STRANGE_PRICE = 8.0  # nats of the links' distance from nominal: one of them is far beyond any tolerance
 _MOST_OUTLIERS, _MOVED_ROWS = 0.3, 3  # share of rows, and rows in succession at an end that are no outliers
 _ROBOT = 6.0  # nats of the choice of another robot
@@ -85,6 +86,11 @@ class _Reading:
         """Whether three quarters of the rows are nearer than by any joint that is read wrongly."""
         known = self.misses[~np.isnan(self.misses)]
         return bool(len(known)) and float(np.quantile(known, 0.75)) <= _FAR_FOR_ALL * _LARGE
+
+    def is_near(self, before: "_Reading") -> bool:
+        """Check whether the arm is near most rows now, or much nearer than before."""
+        middle, was = (float(np.nanmedian(each.misses)) for each in (self, before))
+        return middle < max(_LARGE, was / _NEARER)
 
     @property
     def misses_by_much(self) -> bool:
@@ -144,6 +150,8 @@ def gross_mistakes(
             break
         findings.append(found[0])
         task, here = task.by(found[0].hypothesis), found[1]
+    if findings and not here.is_near(first):  # no reading explains the misses: what only shrinks them is no cause
+        findings, here = [], first
     limit = _FAR * max(here.ordinary_m, _SCALES_M[0])
     far = _alone(np.nan_to_num(here.misses, nan=0.0) > limit)
     outliers = {data.ids[i]: float(np.sqrt(3) * here.misses[i]) for i in np.flatnonzero(far)}

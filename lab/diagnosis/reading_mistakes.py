@@ -17,6 +17,7 @@ from lab.kinematics.model import RigidArm
 
 __all__ = ["joint_mistakes", "point_mistakes", "row_mistakes", "zero_mistakes"]
 
+_TURNS = 4 * np.pi  # rad: no joint turns farther
 _MOST_SIGNS = 3  # joints that are counted the other way at once
 _SHIFTS = (1, -1, 2, -2, 3, -3)
 _QUARTERS = (1, 2, -1)  # quarter turns by which a zero is wrong
@@ -40,7 +41,7 @@ _STARTS, _STUCK_STEPS, _DIFFERENCE = 8, 6, 1e-6
 def joint_mistakes(joints: JointSpec, data: Measurements) -> Iterator[Hypothesis]:
     """Yield mistakes of all rows' joint positions."""
     names, turning = data.joint_names, ~np.array(joints.prismatic, dtype=np.bool_)
-    yield from _units(names, turning)
+    yield from _units(names, turning, np.abs(data.joints).max(axis=0))
     yield from _signs(names, np.flatnonzero(np.ptp(data.joints, axis=0) > 0).tolist())
     yield from _zeros(names, np.flatnonzero(turning).tolist())
     yield from _pairs(names)
@@ -59,12 +60,18 @@ def _scaled(factors: Array) -> Correction:
     return _changed(lambda q: q * factors)
 
 
-def _units(names: Sequence[str], turning: NDArray[np.bool_]) -> Iterator[Hypothesis]:
-    """Yield another unit of all turning joints, or of one."""
+def _units(names: Sequence[str], turning: NDArray[np.bool_], largest: Array) -> Iterator[Hypothesis]:
+    """Yield another unit of all turning joints, or of one.
+
+    Args:
+        largest: ``(joints,)`` readings: those of an angle in degrees are beyond any turn of a joint in rad.
+    """
     number = np.arange(len(names))
     for given, factor in (("degrees", np.pi / 180), ("rad", 180 / np.pi)):
-        yield Hypothesis("joint_unit", (given,), 2, _scaled(np.where(turning, factor, 1.0)))
-        for j in np.flatnonzero(turning).tolist():
+        likely = turning & ((largest > _TURNS) if given == "degrees" else (largest < _TURNS * np.pi / 180))
+        if likely.any():
+            yield Hypothesis("joint_unit", (given,), 2, _scaled(np.where(turning, factor, 1.0)))
+        for j in np.flatnonzero(likely):
             yield Hypothesis("joint_unit", (given, names[j]), 2 * len(names), _scaled(np.where(number == j, factor, 1)))
 
 

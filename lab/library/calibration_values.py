@@ -240,7 +240,7 @@ def diagnosis_to_dict(finding: Finding) -> dict[str, Any]:
             for size, std, unit in zip(finding.sizes, finding.stds, units, strict=True)
         ],
         **{f"{name}_mm": number(MM.of(length)) for name, length in lengths.items()},
-        "evidence": finding.evidence,
+        "evidence": finding.evidence if np.isfinite(finding.evidence) else None,
         "rivals": list(finding.rivals),
         "deciding_measurement": deciding_measurement(finding.name, finding.rivals) or None,
         "words": phrase(finding.check),

@@ -660,6 +660,7 @@ def _check_validation(state: Fitted) -> Fitted:
 
 
 FITTING: Mapping[str, Step] = {
+    "find mistakes": _find_mistakes,
     "diagnose": _of_sound_readings(diagnosed),
     "select model": _of_sound_readings(_select_model),
     "fit": _fit,

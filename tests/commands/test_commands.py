@@ -193,8 +193,8 @@ def test_a_robot_given_as_a_table_comes_back_as_a_table(tmp_path, capsys) -> Non
 @pytest.mark.thorough
 def test_joints_that_lag_are_found() -> None:
     for lag in (0.002, 0.0):
-        warnings = lab.calibrate("irb120", poses=60, lag=lag).warnings
-        assert any("do not follow the arm" in warning for warning in warnings) is (lag > 0)
+        findings = lab.calibrate("irb120", poses=60, lag=lag).diagnosis
+        assert [each.name for each in findings] == ["joint_lag"] * (lag > 0)
 
 
 def test_sessions_fitted_together_are_found() -> None:

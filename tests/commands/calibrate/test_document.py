@@ -105,7 +105,6 @@ def test_what_a_user_named_is_escaped(tmp_path: Path) -> None:
     seen = written(tmp_path / "report.html", found)
     assert seen.headings[0].startswith(NASTY) and seen.items[-1:] == [f"{NASTY} of a warning"]
     assert found.state.outliers[0].id in [row[0] for row in seen.table("pose", "line")]
-    assert f"pose {NASTY}" in seen.text  # in a picture, where dollars might begin a formula
     assert f"tool.{target}.x" in [row[0] for row in seen.table("parameter")]
     assert "<i>" not in seen.source and "alert(" in seen.text
 

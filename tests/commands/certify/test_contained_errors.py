@@ -23,18 +23,13 @@ def covered(found: list[Outcome]) -> float:
 
 
 @pytest.mark.thorough
-def test_a_step_of_3_mm_is_in_the_budget_and_in_no_statement(tmp_path: Path) -> None:
+def test_a_step_of_3_mm_is_fitted_and_the_arm_is_the_one_after_it(tmp_path: Path) -> None:
     found = outcome(MISTAKES["step of 3 mm"], 7, tmp_path / "run")
     certificate = found.certificate
     assert certificate is not None
     after = certificate.calibrated.result.after_mm
-    assert after is not None and 1e3 * certificate.budgets[0].expanded_m > after["p95"] > 1.0
-    assert found.covered.all()
-    line = next(line for line in certificate.budgets[0].lines if line.quantity.group == "stability")
-    assert line.contribution_m == pytest.approx(1.5e-3, rel=0.15)  # half of it, either way
-    distances = certificate.distances[1]
-    assert distances is not None and 1e3 * certificate.budgets[1].expanded_m > 0.85 * distances.p95 > 2.0
-    assert certificate.to_dict()["validation"]["observed_rms_mm"] == pytest.approx(1.5, rel=0.15)
+    assert after is not None and after["p95"] < 0.05  # about the base as it is after the step
+    assert found.verdict == "good"
 
 
 @pytest.mark.thorough

@@ -324,9 +324,9 @@ def test_what_is_not_used_is_kept_and_told(
 
 @pytest.mark.thorough
 def test_degrees_in_a_radian_column_are_told(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    code, _, warnings = identified(folder, renamed(("q1_deg", "q1_rad")), capfd)
+    code, result, _ = identified(folder, renamed(("q1_deg", "q1_rad")), capfd)
     assert code == 1
-    assert "m.csv: joint q1" in warnings and "_deg" in warnings
+    assert result["findings"][0]["name"] == "joint_unit" and "q1" in result["findings"][0]["of"]
 
 
 def test_joints_that_came_from_one_side_show_no_backlash(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
