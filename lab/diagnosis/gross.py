@@ -217,9 +217,9 @@ class _Task:
         """Return the hypothesis that shortens the description most, with the measurements read so; None if none."""
         # all hypotheses by few rows, links as they are; the best of them by more rows, with the links refined
         hypotheses = self._hypotheses(here)
-        few = self.read(self._thinned(here.data, _FEW_ROWS))
+        few = self.read(self._thinned(here.data, _FEW_ROWS, here))
         rough = sorted((-self._gain(each, here, few, _FEW_ROWS), i) for i, each in enumerate(hypotheses))
-        base = self.refined(self._thinned(here.data, _MOST_ROWS))
+        base = self.refined(self._thinned(here.data, _MOST_ROWS, here))
         tried = list[tuple[float, Hypothesis, "_Task"]]()
         for _, i in rough[:_REFINED]:
             of = hypotheses[i]
@@ -259,7 +259,7 @@ class _Task:
         assert hypothesis.corrected is not None
         task = self.by(hypothesis)
         try:
-            data = self._thinned(hypothesis.corrected(here.data), rows)
+            data = self._thinned(hypothesis.corrected(here.data), rows, here)
             reading = task.refined(data) if base.placement.price or rows > _FEW_ROWS else task.read(data)
         except (LabError, np.linalg.LinAlgError):
             return -np.inf
@@ -269,10 +269,16 @@ class _Task:
         known = float(np.log(float(hypothesis.alternatives)))
         return base.length(base.rows) - reading.length(base.rows) + scaled - known
 
-    def _thinned(self, data: Measurements, rows: int) -> Measurements:
-        """Return so many rows, evenly; all of a sensor that knows its misses, as rows of a picture belong together."""
-        some = None if self._by_sensor else evenly(len(data), rows)
-        return data if some is None else data[some]
+    def _thinned(self, data: Measurements, rows: int, here: _Reading) -> Measurements:
+        """Return so many rows, evenly, with those that are far off now.
+
+        All of a sensor that knows its misses, as rows of a picture belong together.
+        """
+        some = None if isinstance(self.sensor, Diagnosable) else evenly(len(data), rows)
+        if some is None:
+            return data
+        far = np.flatnonzero(here.misses > _FAR * here.ordinary_m)[:rows]
+        return data[np.union1d(some, far)]
 
     def by(self, hypothesis: Hypothesis) -> "_Task":
         """Return the task by the sensor of a hypothesis, where it is another one."""

@@ -148,3 +148,12 @@ def test_a_placement_survives_a_third_of_wrong_rows() -> None:
     sound = np.arange(45) % 3 != 0
     assert np.median(row_misses(rows.points, at.predicted)[sound]) < 0.3e-3
     assert (at.misses[~sound] > 0.02).mean() > 0.9
+
+
+@pytest.mark.thorough
+def test_two_rows_of_many_are_named() -> None:
+    rows = lab.simulate("ur5e", poses=400, seed=5).measurements
+    order = np.arange(400)
+    order[[111, 302]] = 302, 111
+    (finding,) = diagnosed("ur5e", replace(rows, joints=rows.joints[order])).findings
+    assert (finding.name, set(finding.hypothesis.of)) == ("rows_exchanged", {"111", "302"})
