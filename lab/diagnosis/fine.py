@@ -203,7 +203,8 @@ class _Search:
         )
         # in units of noise, pose by pose, with what is known beside the measurements
         sigma = max(1.0 if found.sigma_given else found.residual_sigma_m, _LEAST_SIGMA_M)
-        off = jacobian @ (values - found.nominal_aligned)  # links are off from nominal, not from the fit
+        is_link = np.array([each.is_link for each in model.parameters])
+        off = jacobian @ ((values - found.nominal_aligned) * is_link)  # links are off from nominal, not from the fit
         residual = blocks.gathered((observed.points - predicted + off)[..., None], sigma)[..., 0]
         given = [each.hypothesis.columns for each in stepping] + [each.columns for each in lasting]
         every = [blocks.gathered(each, sigma) for each in (*parts, *given) if each is not None]

@@ -122,6 +122,7 @@ def test_a_step_is_fitted_and_marked_in_time(rows: Measurements, sound) -> None:
     assert result.verdict.word == "good" and finding.after_m < 2e-5 < 1e-4 < finding.before_m
     moved = [each for each in entry["sizes"] if each["unit"] == "mm"]
     assert np.hypot.reduce([each["size"] for each in moved]) == pytest.approx(0.4, abs=0.05)
+    pytest.importorskip("matplotlib")
     assert [lines_of(each) for each in (result, sound)] == [[25.5], []]  # rows are counted from one
 
 
