@@ -71,7 +71,7 @@ def _units(names: Sequence[str], turning: NDArray[np.bool_], largest: Array) -> 
         likely = turning & ((largest > _TURNS) if given == "degrees" else (largest < _TURNS * np.pi / 180))
         if likely.any():
             yield Hypothesis("joint_unit", (given,), 2, _scaled(np.where(turning, factor, 1.0)))
-        for j in np.flatnonzero(likely):
+        for j in np.flatnonzero(likely).tolist():
             yield Hypothesis("joint_unit", (given, names[j]), 2 * len(names), _scaled(np.where(number == j, factor, 1)))
 
 
