@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,9 @@ from lab.core.se3 import Array
 from lab.diagnosis.hypothesis import Hypothesis
 from lab.kinematics.model import Model
 
-__all__ = ["Space", "Steps", "lasting_mistakes", "moves_before", "steps_of"]
+__all__ = ["FITTED_ANYWAY", "Space", "Steps", "lasting_mistakes", "moves_before", "steps_of"]
 
+FITTED_ANYWAY = ("link", "joint_zero")  # parameters of every fit: only their size is a finding
 _ZERO = re.compile(r"link([1-9]\d*)\.theta")
 _SHEARS = ((0, 1), (0, 2), (1, 2))
 
@@ -29,20 +30,18 @@ class Steps:
 
     hypothesis: Hypothesis
 
+    def before(self, row: int, ids: Sequence[str], tried: int) -> Hypothesis:
+        """Return the hypothesis that it moved before a row, without columns."""
+        of = (*self.hypothesis.of, ids[row - 1], ids[row])
+        data = (*self.hypothesis.data, ("row", row))
+        return replace(self.hypothesis, of=of, alternatives=tried, columns=None, data=data)
+
     def from_row(self, row: int, ids: Sequence[str], tried: int) -> Hypothesis:
-        """Return the hypothesis that it moved before a row."""
+        """Return the hypothesis that it moved before a row, with its columns."""
         columns = self.hypothesis.columns
         assert columns is not None
         after = np.arange(len(columns)) >= row
-        return Hypothesis(
-            self.hypothesis.name,
-            (*self.hypothesis.of, ids[row - 1], ids[row]),
-            tried,
-            columns=np.where(after[:, None, None, None], columns, 0.0),
-            units=self.hypothesis.units,
-            rivals=self.hypothesis.rivals,
-            data=(*self.hypothesis.data, ("row", row)),
-        )
+        return replace(self.before(row, ids, tried), columns=np.where(after[:, None, None, None], columns, 0.0))
 
 
 def steps_of(model: Model, jacobian: Array, slopes: Array, joint_names: Sequence[str]) -> Iterator[Steps]:
@@ -55,7 +54,7 @@ def steps_of(model: Model, jacobian: Array, slopes: Array, joint_names: Sequence
     base, tool = columns_of(model, ("base",)), columns_of(model, ("tool",))
     if len(base) >= 6:
         units = ("m", "m", "m", "rad", "rad", "rad")
-        moved = Hypothesis("base_step", columns=jacobian[..., list(base[:6])], units=units, rivals=("joint_step",))
+        moved = Hypothesis("base_step", columns=jacobian[..., list(base[:6])], units=units)
         yield Steps(moved)
     places = [i for i in tool if model.parameters[i].symbol in ("x", "y", "z")]
     if len(places) >= 3:
@@ -66,7 +65,7 @@ def steps_of(model: Model, jacobian: Array, slopes: Array, joint_names: Sequence
             yield Steps(Hypothesis("target_step", (name,), columns=columns, units=("m",) * 3))
     for joint, name in enumerate(joint_names):
         column = slopes[..., joint : joint + 1]
-        yield Steps(Hypothesis("joint_step", (name,), columns=column, units=("rad",), rivals=("base_step",)))
+        yield Steps(Hypothesis("joint_step", (name,), columns=column, units=("rad",)))
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,7 @@ class Space:
         points[:, self.placed] = self.predicted[:, self.placed]
         if self.is_centred:
             points[:, self.placed] -= points[:, self.placed].mean(axis=(0, 1))
-        yield Hypothesis("scale", columns=points[..., None], units=("1",), rivals=("link",))
+        yield Hypothesis("scale", columns=points[..., None], units=("1",))
         sheared = np.zeros((*points.shape, 5))
         for column, (a, b) in enumerate(_SHEARS):
             sheared[..., a, column] = points[..., b]
@@ -129,13 +128,13 @@ def lasting_mistakes(
     if moves is not None and (moving := np.flatnonzero(moves.any(axis=0))).size:
         lag, of_moving = slopes[..., moving] * moves[:, None, None, moving], tuple(names[j] for j in moving)
         units, most = ("1",) * len(moving), (1.0,) * len(moving)
-        yield Hypothesis("joint_lag", columns=lag, units=units, prior=most, data=(("joints", of_moving),))
+        yield Hypothesis("joint_lag", columns=lag, units=units, largest=most, data=(("joints", of_moving),))
     links = [(i, each) for i, each in enumerate(model.parameters) if each.is_link]
     for i, each in links:
         zero = _ZERO.fullmatch(each.name)
         name, of = ("joint_zero", names[int(zero[1]) - 1]) if zero else ("link", each.name)
         column = jacobian[..., i : i + 1]
-        yield Hypothesis(name, (of,), len(links), columns=column, units=(each.unit.si,), rivals=("scale",))
+        yield Hypothesis(name, (of,), len(links), columns=column, units=(each.unit.si,))
     yield from space.mistakes()
 
 

@@ -19,7 +19,7 @@ from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.measurements import Measurements, evenly
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.diagnosis.continuous import Space, Steps, lasting_mistakes, steps_of
+from lab.diagnosis.continuous import FITTED_ANYWAY, Space, Steps, lasting_mistakes, steps_of
 from lab.diagnosis.hypothesis import Finding, Hypothesis
 from lab.diagnosis.marginal import MarginalFit, Problem, compressed, estimated, rotated
 from lab.diagnosis.scores import score, scores_of_steps
@@ -37,7 +37,6 @@ _EVIDENCE = 18.0  # of twice the log-likelihood, beside its price: very strong (
 _NEAR_RIVAL = 6.0
 _LIKE_EFFECTS = ("joint_gain", "joint_coupling", "joint_lag", "shear", "drift", "growth")
 _FOLDS = 5
-_LINKS = ("link", "joint_zero")  # fitted anyway
 _WANDERING = 12  # orders of an error that wanders with time
 _WAVES = 8  # of the smooth error, by joint
 _LEAST_SIGMA_M = 1e-7
@@ -102,7 +101,7 @@ def _poses(rows: Measurements, *, several: bool) -> NDArray[np.int_]:
 
 @dataclass(frozen=True)
 class _Blocks:
-    """Numbers of rows, gathered by pose: one block a pose, and blocks of what is known beside the measurements.
+    """Numbers of rows, gathered by pose: one block a pose.
 
     Attributes:
         at: ``(n, m)`` where each number of a row stands in its block.
@@ -152,8 +151,7 @@ class _Candidate:
     @property
     def price(self) -> float:
         """What its numbers and its alternatives cost of twice the log-likelihood."""
-        rows, count = self.columns.shape[0], self.columns.shape[2]
-        return float(count * np.log(rows) + 2 * np.log(float(self.hypothesis.alternatives)))
+        return self.hypothesis.price(self.columns.shape[2], len(self.columns))
 
 
 @dataclass(frozen=True)
@@ -201,7 +199,7 @@ class _Search:
         parts, kinds = _random_columns(
             found, jacobian, [*effects, _smooth(rows.joints, slopes), _wandering(since, placed, predicted)]
         )
-        # in units of noise, pose by pose, with what is known beside the measurements
+        # in units of noise, pose by pose
         sigma = max(1.0 if found.sigma_given else found.residual_sigma_m, _LEAST_SIGMA_M)
         is_link = np.array([each.is_link for each in model.parameters])
         off = jacobian @ ((values - found.nominal_aligned) * is_link)  # links are off from nominal, not from the fit
@@ -273,7 +271,7 @@ class _Search:
         after = np.zeros(len(self.ids), dtype=np.bool_)
         after[self.order[cut:]] = True
         ids = [self.ids[i] for i in self.order]
-        hypothesis = steps.from_row(cut, ids, tried)
+        hypothesis = steps.before(cut, ids, tried)
         return _Candidate(hypothesis, np.where(after[:, None, None], columns, 0.0), float(scores[cut]))
 
     def _confirmed(
@@ -292,7 +290,7 @@ class _Search:
             if evidence < _EVIDENCE or not self._predicts(candidate, without, fit):
                 continue
             near = rivals[candidate.hypothesis.key]
-            if near and candidate.hypothesis.name in _LINKS:  # fitted anyway, whichever it is
+            if near and candidate.hypothesis.name in FITTED_ANYWAY:  # fitted anyway, whichever it is
                 continue
             first = len(self.problem.kinds) + _width(accepted[:i])
             finding = self._finding(fit, candidate, evidence, first, near)
@@ -319,14 +317,13 @@ class _Search:
         own = slice(first, first + candidate.columns.shape[2])
         sizes, stds = fit.coefficients[own], np.sqrt(np.diag(fit.covariance)[own])
         made = candidate.columns @ sizes
-        most = 0 if candidate.hypothesis.name in (*_LINKS, "scale") else 1  # beside base and tool, or links, too
+        most = 0 if candidate.hypothesis.name in (*FITTED_ANYWAY, "scale") else 1  # beside base and tool, or links, too
         placed = self.problem.columns[..., self.problem.kinds < most][fit.problem.mask]
         plain = made[fit.problem.mask]
         left = plain - placed @ np.linalg.lstsq(placed, plain, rcond=1e-9)[0]
         explains_m = float(np.sqrt(3 * np.mean(left**2))) * self.metres
-        return Finding(
-            candidate.hypothesis, evidence, tuple(sizes.tolist()), tuple(stds.tolist()), explains_m, rivals=rivals
-        )
+        hypothesis = replace(candidate.hypothesis, columns=None)  # which a result need not carry
+        return Finding(hypothesis, evidence, tuple(sizes.tolist()), tuple(stds.tolist()), explains_m, rivals=rivals)
 
 
 def _random_columns(

@@ -46,13 +46,11 @@ class Gross:
         findings: the one that shortens the description most first.
         corrected: the measurements with all of them undone.
         outliers: rows that are far off with them undone, by their ids: root mean square length of their errors (m).
-        misses: ``(n,)`` root mean square error of a coordinate of each row (m), as read.
     """
 
     findings: tuple[Finding, ...]
     corrected: Measurements
     outliers: Mapping[str, float]
-    misses: Array
 
 
 @dataclass(frozen=True)
@@ -118,6 +116,12 @@ def _described(misses: Array, rows: int, extent_m: float) -> tuple[float, float]
     return float(lengths[best]), float(_SCALES_M[best])
 
 
+def _used_points(data: Measurements) -> Array:
+    """Return the points of the rows that are not to be skipped; NaN in the others."""
+    used = np.array([use != "skip" for use in data.use])
+    return np.where(used[:, None, None], data.points, np.nan)
+
+
 def _extent(data: Measurements) -> float:
     """Return the extent (m) of measured points; one metre of other readings."""
     if data.points.shape[2] != 3 or not np.isfinite(data.points).any():
@@ -155,11 +159,11 @@ def gross_mistakes(
     limit = _FAR * max(here.ordinary_m, _SCALES_M[0])
     far = _alone(np.nan_to_num(here.misses, nan=0.0) > limit)
     outliers = {data.ids[i]: float(np.sqrt(3) * here.misses[i]) for i in np.flatnonzero(far)}
-    return Gross(tuple(findings), here.data, outliers, first.misses)
+    return Gross(tuple(findings), here.data, outliers)
 
 
 def _alone(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which rows are outliers: not those of half of all, nor those at an end, where something has moved."""
+    """Return which rows are outliers: none where too many are far off, and none at an end, where something moved."""
     if far.mean() >= _MOST_OUTLIERS:
         return np.zeros_like(far)
     alone = far.copy()
@@ -189,19 +193,15 @@ class _Task:
         if isinstance(self.sensor, Diagnosable):
             misses = self.sensor.misses(self.arm, data, self.nominal)
             return _Reading(data, Placement(self.nominal, np.empty(0), misses))
-        used = np.array([use != "skip" for use in data.use])
-        points = np.where(used[:, None, None], data.points, np.nan)
-        at = placed(self.arm, data.joints, points, self.nominal, rng_for(self.seed, "null"))
+        at = placed(self.arm, data.joints, _used_points(data), self.nominal, rng_for(self.seed, "null"))
         return _Reading(data, self._with_orientations(data, at))
 
     def refined(self, data: Measurements) -> _Reading:
         """Return measurements with the misses of an arm whose links may be off, too."""
         reading = self.read(data)
-        if isinstance(self.sensor, Diagnosable):
+        if self._by_sensor:
             return reading
-        used = np.array([use != "skip" for use in data.use])
-        points = np.where(used[:, None, None], data.points, np.nan)
-        at = refined(self.arm, data.joints, points, self.nominal, reading.placement)
+        at = refined(self.arm, data.joints, _used_points(data), self.nominal, reading.placement)
         return _Reading(data, self._with_orientations(data, at))
 
     def _with_orientations(self, data: Measurements, at: Placement) -> Placement:
@@ -266,15 +266,15 @@ class _Task:
         scaled = 3 * base.rows * float(np.log(dict(hypothesis.data).get("factor", 1.0)))  # as densities are
         if self._by_sensor:  # rows that are wrong in either unit are no better described in a larger one
             scaled = min(scaled, 0.0)
-        known = float(np.log(float(hypothesis.alternatives)))
-        return base.length(base.rows) - reading.length(base.rows) + scaled - known
+        choice = hypothesis.price_of_alternatives / 2  # nats
+        return base.length(base.rows) - reading.length(base.rows) + scaled - choice
 
     def _thinned(self, data: Measurements, rows: int, here: _Reading) -> Measurements:
         """Return so many rows, evenly, with those that are far off now.
 
         All of a sensor that knows its misses, as rows of a picture belong together.
         """
-        some = None if isinstance(self.sensor, Diagnosable) else evenly(len(data), rows)
+        some = None if self._by_sensor else evenly(len(data), rows)
         if some is None:
             return data
         far = np.flatnonzero(here.misses > _FAR * here.ordinary_m)[:rows]

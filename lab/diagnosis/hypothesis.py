@@ -1,5 +1,6 @@
 """Hypotheses of what is wrong with measurements, and findings: those that a refit confirmed."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
@@ -29,8 +30,7 @@ class Hypothesis:
         sensor: reads the corrected measurements, where it is another one: cameras in the hand for in the room.
         columns: ``(n, k, d, c)`` derivatives of the observed numbers of the rows by the c numbers of a continuous one.
         units: of these numbers: ``m``, ``rad``, or ``1`` for a ratio.
-        prior: the sizes in these units beyond which they make no sense; none where they may be of any size.
-        rivals: names of hypotheses that such measurements may confuse with it.
+        largest: the sizes in these units beyond which they make no sense; none where they may be of any size.
         data: further words of its phrase.
     """
 
@@ -41,14 +41,22 @@ class Hypothesis:
     sensor: Any = None
     columns: Array | None = None
     units: tuple[str, ...] = ()
-    prior: tuple[float, ...] | None = None
-    rivals: tuple[str, ...] = ()
+    largest: tuple[float, ...] | None = None
     data: tuple[tuple[str, Any], ...] = ()
 
     @property
     def key(self) -> str:
         """Name by which a user accepts it: ``joint_sign:q3``."""
         return ":".join((self.name, *self.of[:1]))
+
+    def price(self, numbers: int, rows: int) -> float:
+        """Return what its numbers and its alternatives cost of twice the log-likelihood of so many rows."""
+        return numbers * math.log(rows) + self.price_of_alternatives
+
+    @property
+    def price_of_alternatives(self) -> float:
+        """What the choice among its alternatives costs of twice the log-likelihood."""
+        return 2 * math.log(self.alternatives)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +96,8 @@ class Finding:
     @property
     def makes_sense(self) -> bool:
         """Whether its sizes are such as the hypothesis can have."""
-        most = self.hypothesis.prior
-        return most is None or all(abs(size) <= limit for size, limit in zip(self.sizes, most, strict=True))
+        largest = self.hypothesis.largest
+        return largest is None or all(abs(size) <= limit for size, limit in zip(self.sizes, largest, strict=True))
 
     @property
     def check(self) -> Check:

@@ -103,7 +103,6 @@ def range_findings(identification: Identification, *, adequate: bool = True) -> 
         "range_constant",
         of=("instrument",),
         units=("m",),
-        prior=None if found.prior_m is None else (found.prior_m,),
         data=(("in_frame", found.in_frame), ("in_shape", found.in_shape)),
     )
     explains_m = float(larger * identification.sigma_m * np.sqrt(evidence / points))

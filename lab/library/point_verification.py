@@ -251,7 +251,7 @@ def _range_constant(
         return []
     points = prediction.arm.points(observed.inputs, prediction.values)
     sight = points / np.linalg.norm(points, axis=2, keepdims=True)
-    return [Hypothesis("range_constant", columns=sight[..., None], units=("m",), rivals=("base_step",))]
+    return [Hypothesis("range_constant", columns=sight[..., None], units=("m",))]
 
 
 def _counted(stage: Stage, name: str) -> Progress:

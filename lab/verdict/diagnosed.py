@@ -14,7 +14,7 @@ from lab.calibration.weights import weigh
 from lab.core.checks import Check
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
-from lab.diagnosis.continuous import moves_before
+from lab.diagnosis.continuous import FITTED_ANYWAY, moves_before
 from lab.diagnosis.fine import Fine, fine_mistakes
 from lab.diagnosis.gross import Gross, gross_mistakes
 from lab.diagnosis.hypothesis import Diagnosable, Finding, Hypothesis
@@ -27,7 +27,7 @@ from lab.verdict.fitted import Fitted
 
 __all__ = [
     "accepted_of", "checks_of", "diagnosed",
-    "further_outliers", "gross_of", "misread_points", "read_as_accepted", "rms_m",
+    "further_outliers", "gross_of", "misread_points", "read_as_accepted", "read_by", "rms_m",
     "undone", "with_fitted",
 ]  # fmt: skip
 
@@ -37,7 +37,6 @@ _MOSTLY = 0.5  # of a mean square error
 _MOVED_M = 1e-6  # range of points that move
 _LEAST_ROWS = 3  # given ones, on either side of a step
 _LEAST_DOF = 20  # of a fit beside which anything is searched
-_FITTED_ANYWAY = ("link", "joint_zero")  # parameters of every fit: only their size is a finding
 
 
 def gross_of(state: Fitted) -> Gross | None:
@@ -50,9 +49,13 @@ def gross_of(state: Fitted) -> Gross | None:
         return None  # points that are the same in every pose can be read in any way
     if len(fitter.session.stations) > 1:
         return None  # one placement is not of points in several frames
-    arm = fitter.robot.arm(fitter.targets)
-    nominal = arm.nominal({target: np.zeros(3) for target in fitter.targets})
-    return gross_mistakes(kind, arm, data, nominal, _others(arm, fitter.targets), fitter.seed)
+    return _gross(kind, fitter.robot.arm(fitter.targets), data, fitter.seed)
+
+
+def _gross(sensor: ArmSensor | None, arm: RigidArm, data: Measurements, seed: int) -> Gross:
+    """Return the gross mistakes by a nominal arm, compared with the lab's other robots."""
+    nominal = arm.nominal({target: np.zeros(3) for target in arm.targets})
+    return gross_mistakes(sensor, arm, data, nominal, _others(arm), seed)
 
 
 def _moves(data: Measurements) -> bool:
@@ -63,18 +66,16 @@ def _moves(data: Measurements) -> bool:
 
 def misread_points(robot: NominalRobot, data: Measurements, seed: int = 0) -> tuple[Finding, ...]:
     """Return the gross mistakes of measured points, by a robot's nominal arm."""
-    arm = robot.arm(data.targets)
-    nominal = arm.nominal({target: np.zeros(3) for target in data.targets})
-    return gross_mistakes(None, arm, data, nominal, _others(arm, data.targets), seed).findings
+    return _gross(None, robot.arm(data.targets), data, seed).findings
 
 
-def _others(arm: RigidArm, targets: Sequence[str]) -> Iterator[tuple[str, Callable[[], RigidArm]]]:
+def _others(arm: RigidArm) -> Iterator[tuple[str, Callable[[], RigidArm]]]:
     """Yield the lab's other robots with as many joints of the same kinds, each once."""
     for name in sorted(own_models()):
         robot = load_robot(name)
         alike = robot.chain.prismatic == arm.chain.prismatic and robot.name != arm.chain.name
         if alike and not robot.chain.has_loops:
-            yield name, partial(robot.arm, tuple(targets))
+            yield name, partial(robot.arm, arm.targets)
 
 
 def accepted_of(findings: Sequence[Finding], accept: Sequence[str]) -> tuple[Finding, ...]:
@@ -99,24 +100,26 @@ def read_as_accepted(data: Measurements, gross: Gross, accept: Sequence[str]) ->
     Raises:
         LabError: a name is of no mistake.
     """
-    left = list[Finding]()
-    for finding in accepted_of(gross.findings, accept):
-        correct = finding.hypothesis.corrected
-        if finding.accepted and correct is not None:
-            data = correct(data)
-        else:
-            left.append(finding)
-    return data, replace(gross, findings=tuple(left))
+    findings = accepted_of(gross.findings, accept)
+    left = tuple(each for each in findings if not each.accepted)
+    return undone(data, findings), replace(gross, findings=left)
 
 
-def undone(data: Measurements, sensor: ArmSensor, findings: Sequence[Finding]) -> tuple[Measurements, ArmSensor]:
-    """Return measurements with the accepted mistakes undone, and the sensor that reads them then."""
+def undone(data: Measurements, findings: Sequence[Finding]) -> Measurements:
+    """Return measurements with the accepted mistakes undone."""
     for finding in findings:
         correct = finding.hypothesis.corrected
         if finding.accepted and correct is not None:
             data = correct(data)
-            sensor = finding.hypothesis.sensor or sensor
-    return data, sensor
+    return data
+
+
+def read_by(sensor: ArmSensor, findings: Sequence[Finding]) -> ArmSensor:
+    """Return the sensor that reads measurements with the accepted mistakes undone: it may be another one."""
+    for finding in findings:
+        if finding.accepted and finding.hypothesis.sensor is not None:
+            sensor = finding.hypothesis.sensor
+    return sensor
 
 
 def diagnosed(state: Fitted) -> Fitted:
@@ -130,8 +133,7 @@ def diagnosed(state: Fitted) -> Fitted:
         return state
     steps = {each.hypothesis: step for each in fine.findings if (step := _step(each, state)) is not None}
     findings = tuple(
-        each.as_accepted() if each.hypothesis in steps or each.name in _FITTED_ANYWAY else each
-        for each in fine.findings
+        each.as_accepted() if each.hypothesis in steps or each.name in FITTED_ANYWAY else each for each in fine.findings
     )
     state = replace(state, far={**state.far, **fine.outliers})
     fitter = state.fitter.with_steps(tuple(steps.values())) if steps else state.fitter

@@ -53,6 +53,7 @@ from lab.verdict.diagnosed import (
     diagnosed,
     further_outliers,
     gross_of,
+    read_by,
     rms_m,
     undone,
     with_fitted,
@@ -270,7 +271,7 @@ def _find_mistakes(state: Fitted) -> Fitted:
     gross = gross_of(state)
     findings = accepted_of(() if gross is None else gross.findings, fitter.options.accept)
     if any(each.accepted for each in findings):
-        data, sensor = undone(fitter.data, fitter.kind, findings)
+        data, sensor = undone(fitter.data, findings), read_by(fitter.kind, findings)
         again = start(fitter.robot, data, sensor, fitter.noise, fitter.options, judging, seed=fitter.seed)
         state = replace(again, source=state.source, progress=state.progress, checks=state.checks)
     state = replace(state, diagnosis=findings, far={} if gross is None else gross.outliers)
@@ -297,7 +298,8 @@ def _with_errors(state: Fitted, outliers: Collection[str]) -> tuple[Finding, ...
             if finding.accepted:  # undone already
                 findings.append(finding)
                 continue
-            data, sensor = undone(data, sensor, [finding.as_accepted()])
+            alone = [finding.as_accepted()]
+            data, sensor = undone(data, alone), read_by(sensor, alone)
             rest = data.without(outliers)  # once a mistake is undone, as it counts the rows of the file
             other = start(fitter.robot, rest, sensor, fitter.noise, fitter.options, seed=fitter.seed)
             after_m = rms_m(other.fitter.identified_with(other.given, (), ()))

@@ -337,7 +337,7 @@ class _Comparison:
     ) -> PossibleChange:
         prediction, numbers = self.problem.prediction, self.problem.numbers
         bic = prediction.deviance(left.square, numbers) + determined * np.log(numbers)
-        bic += 2 * np.log(hypothesis.alternatives)
+        bic += hypothesis.price_of_alternatives
         bic += _UNUSUAL * _is_unusual(hypothesis)
         evidence = prediction.deviance(self.fit.square, numbers) - bic
         finding = Finding(replace(hypothesis, columns=None), float(evidence))
@@ -383,11 +383,10 @@ class _Comparison:
         """Return the mistakes within the file of the largest scores: steps, and what lasts for the whole file."""
         if not _LEAST_POSES <= len(self.rows) <= _MOST_POSES:
             return []
-        numbers = np.log(self.problem.numbers)
         found = list[tuple[float, Hypothesis]]()
         for of in (*self._of_columns(), *more):
             assert of.columns is not None
-            price = of.columns.shape[3] * numbers + 2 * np.log(of.alternatives)
+            price = of.price(of.columns.shape[3], self.problem.numbers)
             found.append((price - score(self._left, self._white(of.columns)), of))
         return [of for cost, of in sorted(found, key=lambda each: each[0])[:_COMPARED] if cost < 0]
 
