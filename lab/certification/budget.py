@@ -38,7 +38,6 @@ __all__ = [
     "MEASURANDS",
     "Budget",
     "BudgetLine",
-    "FittedRange",
     "FrameMotion",
     "InputQuantity",
     "Measurand",
@@ -46,6 +45,7 @@ __all__ = [
     "Propagation",
     "RandomErrors",
     "RandomScatter",
+    "RangeUncertainty",
     "budget_of",
     "lack_of_fit_of",
     "motion_of",
@@ -450,7 +450,7 @@ class RandomScatter:
 
 
 @dataclass(frozen=True)
-class FittedRange:
+class RangeUncertainty:
     """Uncertainty of range errors that were fitted with the parameters.
 
     Attributes:
@@ -487,7 +487,7 @@ class RandomErrors:
     scatter_counted: bool
     model: RandomScatter | None
     in_time: RandomScatter | None = None
-    of_range: FittedRange | None = None
+    of_range: RangeUncertainty | None = None
 
     @property
     def all_given(self) -> bool:
@@ -546,7 +546,7 @@ def _at_each_position(
     return InputQuantity(group, name, scatter.source, MICRONS, scatter.uncertainty, one, anew=True, detail=detail)
 
 
-def _of_range(propagation: Propagation, ranges: FittedRange) -> Iterator[InputQuantity]:
+def _of_range(propagation: Propagation, ranges: RangeUncertainty) -> Iterator[InputQuantity]:
     """Return the constant and the scale of the range, which stand in full along the line of sight."""
     lines = ("range constant", "zero of range and reflector, fitted", MICRONS), ("range scale", "fitted", PPM)
     for std, shifts, (name, detail, unit) in zip(ranges.stds, ranges.shifts.T, lines, strict=True):

@@ -205,6 +205,11 @@ class Measurements(Value):
         return seen_mask(self.points)
 
     @property
+    def used(self) -> NDArray[np.bool_]:
+        """Mask ``(n,)`` of the rows that are not to be skipped."""
+        return np.array([use != "skip" for use in self.use], dtype=np.bool_)
+
+    @property
     def places(self) -> Array:
         """Progress of the campaign ``(n,)`` at each row, from 0 to 1."""
         return self._visited.place

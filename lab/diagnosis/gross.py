@@ -118,8 +118,7 @@ def _described(misses: Array, rows: int, extent_m: float) -> tuple[float, float]
 
 def _used_points(data: Measurements) -> Array:
     """Return the points of the rows that are not to be skipped; NaN in the others."""
-    used = np.array([use != "skip" for use in data.use])
-    return np.where(used[:, None, None], data.points, np.nan)
+    return np.where(data.used[:, None, None], data.points, np.nan)
 
 
 def _extent(data: Measurements) -> float:

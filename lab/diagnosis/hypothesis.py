@@ -10,7 +10,7 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
-__all__ = ["Correction", "Diagnosable", "Finding", "Hypothesis", "MeasuresOrientations", "hypotheses_of"]
+__all__ = ["Correction", "Diagnosable", "Finding", "Hypothesis", "MeasuresOrientations", "hypotheses_of", "unchanged"]
 
 Correction = Callable[[Measurements], Measurements]
 """Undo a discrete mistake: measurements as they were read, to what they would be without it, in the same rows."""
@@ -122,6 +122,11 @@ class Finding:
     def as_accepted(self) -> "Finding":
         """Return the finding as one that the fit has in."""
         return replace(self, accepted=True)
+
+
+def unchanged(rows: Measurements) -> Measurements:
+    """Return the rows: the mistake is in an option of the sensor, not in them."""
+    return rows
 
 
 @runtime_checkable

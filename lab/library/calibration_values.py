@@ -227,7 +227,7 @@ def _finding_to_dict(finding: Check) -> dict[str, Any]:
 def diagnosis_to_dict(finding: Finding) -> dict[str, Any]:
     """An entry of ``findings``: sizes in the units of their names, with the half-widths of their 95 % intervals."""
     of = finding.hypothesis
-    units = [{"m": MM, "rad": MRAD, "1": PPM}.get(unit, PPM) for unit in of.units]
+    units = [{"m": MM, "rad": MRAD}.get(unit, PPM) for unit in of.units]
     lengths = {"explains": finding.explains_m, "before": finding.before_m, "after": finding.after_m}
     return {
         "name": finding.name,

@@ -13,13 +13,13 @@ from lab.calibration.row_groups import cv_groups_of, folds, hold_out, hold_out_l
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weigh
 from lab.certification.budget import (
-    FittedRange,
     FrameMotion,
     InputQuantity,
     Placement,
     Propagation,
     RandomErrors,
     RandomScatter,
+    RangeUncertainty,
 )
 from lab.certification.characteristics import Repeats
 from lab.certification.lack_of_fit import ValidationErrors
@@ -393,7 +393,7 @@ def without_range(estimate: Estimate) -> Array:
     return np.asarray(estimate.free_covariance - shifts @ shifts.T)
 
 
-def _of_range(estimate: Estimate, larger: float) -> FittedRange | None:
+def _of_range(estimate: Estimate, larger: float) -> RangeUncertainty | None:
     """Return the range errors of a run that fitted both; None for another.
 
     Args:
@@ -403,7 +403,7 @@ def _of_range(estimate: Estimate, larger: float) -> FittedRange | None:
     if shifts.shape[1] != len(_RANGE_ERRORS):
         return None
     stds = [grown * (estimate.params[name].std or 0.0) for name in _RANGE_ERRORS]
-    return FittedRange((stds[0], stds[1]), grown * shifts, "fitted with the parameters")
+    return RangeUncertainty((stds[0], stds[1]), grown * shifts, "fitted with the parameters")
 
 
 def instrument_noise_m(calibrated: CalibrationRun, fitted: FittedRows, device: Instrument | None) -> float:

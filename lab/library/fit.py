@@ -219,7 +219,7 @@ def _fitted(robot: Robot, data: Measurements, sensor: ArmSensor, noise: Noise, o
     # take the rows as an identification does
     positions, given = sensor.in_instrument_frame, data
     data = checked("measurements in memory", data, robot, points=False)
-    robot.refuse_impossible(Path(_CALL), data[[use != "skip" for use in data.use]])
+    robot.refuse_impossible(Path(_CALL), data[data.used])
     data = without_copies(Path(_CALL), data) if positions else data
     # fit; points in another unit are looked for where they may be
     try:

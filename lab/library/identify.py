@@ -129,6 +129,6 @@ def _read_rows(
         read = options.kind().with_files(replace(read, robot=robot.source), path.parent)
     else:
         read = checked(path, given, robot, points=positions and validates)
-    robot.refuse_impossible(path, read[[use != "skip" for use in read.use]])
+    robot.refuse_impossible(path, read[read.used])
     read = without_copies(path, read) if positions else read
     return read if load is None else load.with_payload(read)

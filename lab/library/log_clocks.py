@@ -53,10 +53,14 @@ class NominalFit:
 
         The arguments are those of ``predicted``.
         """
-        seen = np.full((len(joints), self._count, 3), np.nan)
-        seen[np.arange(len(joints)), targets] = points
-        data = measured(self._robot.chain.joint_names, joints, self._targets, seen)
-        return "; ".join(phrase(each.check) for each in misread_points(self._robot, data)[:1])
+        data = measured(self._robot.chain.joint_names, joints, self._targets, self._by_target(targets, points))
+        return next((phrase(each.check) for each in misread_points(self._robot, data)), "")
+
+    def _by_target(self, targets: NDArray[np.int_], points: Array) -> Array:
+        """Return points ``(n, 3)`` as ``(n, targets, 3)``, NaN for the targets that were not measured."""
+        seen = np.full((len(points), self._count, 3), np.nan)
+        seen[np.arange(len(points)), targets] = points
+        return seen
 
     def flanges(self, joints: Array) -> Array:
         """Return positions ``(n, 3)`` of the nominal flange in the base, m; NaN where the arm's loops do not close."""
@@ -83,9 +87,7 @@ class NominalFit:
             targets: ``(n,)`` which of the tool's targets each point is.
             points: ``(n, 3)`` m.
         """
-        n = len(joints)
-        seen = np.full((n, self._count, 3), np.nan)
-        seen[np.arange(n), targets] = points
+        n, seen = len(joints), self._by_target(targets, points)
         possible, found = np.isfinite(self.flanges(joints)).all(axis=1), np.full((n, 3), np.nan)
         if possible.sum() >= LEAST_POSES:
             at = placed(self._arm, joints[possible], seen[possible], self._nominal, rng_for(0, "null"))

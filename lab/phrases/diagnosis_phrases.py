@@ -36,10 +36,10 @@ def _poses(names: Sequence[str], what: str = "pose") -> str:
 # Discrete mistakes: of readings
 
 
-def _zero_by_quarters(check: Check) -> str:
-    if "offset_rad" not in check.data:
-        return f"the zero of joint {check.data['of'][0]} is off by {_size(check)}"
-    return f"the zero of joint {check.data['of'][0]} is off by {DEGREES.text(check.data['offset_rad'], 4)}"
+def _joint_zero(check: Check) -> str:
+    offset = check.data.get("offset_rad")
+    size = _size(check) if offset is None else DEGREES.text(offset, 4)
+    return f"the zero of joint {check.data['of'][0]} is off by {size}"
 
 
 def _coupled(check: Check) -> str:
@@ -113,15 +113,14 @@ def _fixture_moved(what: str) -> Callable[[Check], str]:
     return phrase
 
 
-_FIXTURES = {"socket": "socket", "plane": "plane", "anchor": "anchor", "plate": "plate", "cube": "cube", "dial": "dial"}
-_FIXTURES["bar"] = "ball bar"
+_FIXTURES = {**{name: name for name in ("socket", "plane", "anchor", "plate", "cube", "dial")}, "bar": "ball bar"}
 _READINGS = ("socket", "cable", "dial", "bar", "plane", "plate", "cube")
 
 _DISCRETE: Mapping[str, Phrase] = {
     "joint_unit": _joint_unit,
     "joint_sign": _signs,
     "joint_stuck": "the reading of joint {of[0]} stays the same while the joint moves",
-    "joint_zero": _zero_by_quarters,
+    "joint_zero": _joint_zero,
     "joints_exchanged": "joints {of[0]} and {of[1]} are exchanged",
     "joints_coupled": _coupled,
     "joints_reversed": "the joints are in the reversed order",
@@ -333,11 +332,14 @@ def _remedy(check: Check) -> Iterator[str]:
         yield _ADVICE[name]
 
 
+_CAUSES: Mapping[str, Phrase] = {**_DISCRETE, **_CONTINUOUS}
+
+
 def cause_text(check: Check) -> str:
     """Return the clause that names the cause alone, with its place and size."""
     name = check.name.removeprefix("diagnosis.")
     other = " ".join((name.replace("_", " "), *check.data["of"]))  # of a sensor of one's own
-    return worded({**_DISCRETE, **_CONTINUOUS}.get(name, lambda _: other), check)
+    return worded(_CAUSES.get(name, lambda _: other), check)
 
 
 def advice(name: str) -> str:
@@ -345,9 +347,7 @@ def advice(name: str) -> str:
     return _ADVICE.get(name.removeprefix("diagnosis."), "")
 
 
-PHRASES: Mapping[str, Phrase] = {
-    f"diagnosis.{name}": _sentence(cause) for name, cause in {**_DISCRETE, **_CONTINUOUS}.items()
-}
+PHRASES: Mapping[str, Phrase] = {f"diagnosis.{name}": _sentence(cause) for name, cause in _CAUSES.items()}
 NEXT_STEPS: Mapping[str, str] = {
     "diagnosis": "Correct the file or undo the mistake by --accept, if the cause below is right; then identify again.",
     "diagnosis.other_robot": "Identify with the --robot that is named below.",

@@ -86,13 +86,13 @@ def placed_fixtures(sensor: "FixtureSensor", arm: Model, data: Measurements, nom
     numbered = {**data.conditions, _ROW: np.arange(len(data), dtype=np.float64)}
     alone = replace(data, targets=(), points=np.empty((len(data), 0, 3)), conditions=numbered)
     model, observed = sensor.observation(arm, alone, nominal)
-    observed = observed[[use != "skip" for use in observed.use]]
+    observed = observed[observed.used]
     rows = observed.conditions[_ROW].astype(np.int_)
     task = _Placing.of(model, observed, nominal)  # type: ignore[arg-type]
     values = task.best()
     residuals = task.residuals(values[None], rates=False)[0][0]
     # a reading at a fixture with too few rows cannot be explained
-    readable = sensor.rows(data) & np.array([use != "skip" for use in data.use])
+    readable = sensor.rows(data) & data.used
     misses = np.where(readable, np.inf, np.nan)
     misses[rows] = _sizes(residuals)
     return PlacedFixtures(task.model, rows, task.index, residuals, misses, partial(task.gap_at, values))

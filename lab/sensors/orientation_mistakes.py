@@ -17,7 +17,7 @@ from lab.core.measurements import Measurements
 from lab.core.orientation import ANGLE_CONVENTIONS
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.diagnosis.hypothesis import Hypothesis
+from lab.diagnosis.hypothesis import Hypothesis, unchanged
 from lab.diagnosis.placement import placed
 from lab.formats.orientations import (
     orientation_columns,
@@ -62,7 +62,7 @@ def turned_misses(sensor: "PoseSensor", arm: Model, data: Measurements, values: 
 def _rotations(sensor: "PoseSensor", data: Measurements, target: str) -> Array:
     """Return the measured rotations ``(n, 3, 3)``, NaN where there are none."""
     quaternions = read_orientations(data, target, sensor.orientation)
-    seen = np.isfinite(quaternions).all(axis=1) & np.array([use != "skip" for use in data.use])
+    seen = np.isfinite(quaternions).all(axis=1) & data.used
     rotations = np.full((len(data), 3, 3), np.nan)
     rotations[seen] = se3.rotation_from_quaternion(quaternions[seen])
     return rotations
@@ -104,7 +104,7 @@ def orientation_mistakes(sensor: "PoseSensor", arm: RigidArm, data: Measurements
     # other meanings of the columns
     for meaning in ANGLE_CONVENTIONS if sensor.orientation is not None else ():
         if meaning != sensor.orientation:
-            yield of(meaning, lambda rows: rows, sensor=replace(sensor, orientation=meaning))
+            yield of(meaning, unchanged, sensor=replace(sensor, orientation=meaning))
     for order in permutations(range(len(columns))):
         if list(order) != sorted(order) and (len(columns) == 3 or order in ((1, 2, 3, 0), (3, 0, 1, 2))):
             named = ", ".join(columns[i].rpartition("_")[2] if len(columns) == 4 else columns[i] for i in order)
@@ -127,7 +127,7 @@ def _fixed_turn(sensor: "PoseSensor", arm: RigidArm, data: Measurements, target:
     The base's rotation B by positions and the arm's F give R = T' B F X with the tool's X and the turn T: the rotations
     of B'T and X are those of the nearest Kronecker product (Shah 2013).
     """
-    points = np.where(np.array([use != "skip" for use in data.use])[:, None, None], data.points, np.nan)
+    points = np.where(data.used[:, None, None], data.points, np.nan)
     at = placed(arm, data.inputs(arm.conditions), points, arm.nominal(), rng_for(0, "null"))
     measured, flange = _rotations(sensor, data, target), _flange(arm, data, at.values, target)
     seen = np.isfinite(measured).all(axis=(1, 2))

@@ -13,7 +13,7 @@ from lab.core.limits import positive
 from lab.core.measurements import FIXTURE, Measurements
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.diagnosis.hypothesis import Hypothesis
+from lab.diagnosis.hypothesis import Hypothesis, unchanged
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model, RigidArm
 from lab.kinematics.parameter import Parameter
@@ -164,7 +164,7 @@ class SocketSensor(FixtureSensor):
             return found
         for unit, factor in LENGTH_UNITS:
             other = replace(self, distance_m=factor * self.distance_m)
-            found.append(Hypothesis("socket_unit", (unit,), len(LENGTH_UNITS), lambda rows: rows, other))
+            found.append(Hypothesis("socket_unit", (unit,), len(LENGTH_UNITS), unchanged, other))
         return found
 
     def relabelled(self, data: Measurements, labels: Mapping[int, str]) -> Measurements:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.core.checks import Check, Outcome
@@ -28,6 +29,7 @@ from lab.verification.changes import (
     PossibleChange,
     displacement,
     equivalent,
+    is_whole_base,
     movements,
     outlying,
     possible_changes,
@@ -58,10 +60,12 @@ class Verified:
     """Result of a verification.
 
     Attributes:
+        good: whether the test does not reject, and no mistake of reading was found.
         statistic: r' S^-1 r, without what was fitted anew.
         p_of_all: the chance of a larger one, if nothing has changed.
         numbers: its degrees of freedom.
-        sigma_freedom: those with which sigma was estimated; None where it was given.
+        sigma_dof: degrees of freedom with which sigma was estimated; None where it was given.
+        test: by both parts of the statistic.
         values: ``(p,)`` of the arm as the run has them, with what was fitted anew.
         errors: ``(n, k)`` lengths of measured less predicted (m), NaN where not observed.
         expected_m: predicted root mean square length of the errors here.
@@ -69,7 +73,8 @@ class Verified:
         moved: the kinds among which the measurements cannot choose; none where the arm is good, or nothing explains.
         refit: displacement of what was fitted anew, by its name.
         undetermined: parameters of it that these poses do not determine, and that stay as the run has them.
-        situation: what large errors come from where that is no change of the arm; None if nothing of the kind.
+        situation: a mistake of reading, or what large errors come from where that is no change of the arm; None if
+            neither.
         check: of the whole, with all that its sentence needs.
         would_notice: what the test finds in 95 of 100 such files, in the worst direction (m, rad); infinite if nothing.
     """
@@ -263,13 +268,17 @@ class _Search:
         return cls(problem, fit, tuple(refit), rows, far)
 
     @cached_property
+    def _kept(self) -> NDArray[np.int_]:
+        """Numbers of the rows that are no outliers."""
+        return np.setdiff1d(np.arange(len(self.rows)), self.far)
+
+    @cached_property
     def _rest(self) -> tuple[VerificationProblem, RefitSolution, Measurements]:
         """The problem without outliers, its fit, and its rows."""
         if not self.far:
             return self.problem, self.fit, self.rows
-        kept = np.setdiff1d(np.arange(len(self.rows)), self.far)
-        rest = replace(self.problem, observed=self.problem.observed.take(kept))
-        return rest, _refit(rest, self.refit)[0], self.rows[kept]
+        rest = replace(self.problem, observed=self.problem.observed.take(self._kept))
+        return rest, _refit(rest, self.refit)[0], self.rows[self._kept]
 
     def diagnosis(self, more: Sequence[Hypothesis], expected_m: float) -> _Diagnosis:
         """Return the possible changes; where they are movements of base or tool alone, or none, the situation, too."""
@@ -283,8 +292,7 @@ class _Search:
         problem, fit, rows = self._rest
         if self.far and not change_test(problem.prediction, fit).changed:
             return outlying(self.problem, self.fit, self.refit, self.rows, self.far)
-        kept = np.setdiff1d(np.arange(len(self.rows)), self.far)
-        of_rows = [each if each.columns is None else replace(each, columns=each.columns[kept]) for each in more]
+        of_rows = [each if each.columns is None else replace(each, columns=each.columns[self._kept]) for each in more]
         return possible_changes(problem, fit, self.refit, rows, of_rows)
 
     def _situation(self, expected_m: float) -> Check | None:
@@ -334,8 +342,8 @@ def _placed_anew(
 def _single(arm: Arm, values: Array) -> Iterator[tuple[str, tuple[Hypothesis, Array]]]:
     """Yield the movements of one thing each by their names: ``base``, ``tool.p1``, ``joint2``."""
     for of in movements(arm, values):
-        hypothesis, directions = of
-        if hypothesis.name == "base_step" and directions.shape[1] == 6:
+        hypothesis, _ = of
+        if is_whole_base(hypothesis):
             yield "base", of
         elif hypothesis.name == "target_step" or (hypothesis.name == "tool_step" and len(arm.targets) == 1):
             yield f"tool.{(hypothesis.of or arm.targets)[0]}", of

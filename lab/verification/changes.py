@@ -27,7 +27,7 @@ from lab.verification.predicted_points import FULL_RANK, RefitSolution, Verifica
 from lab.verification.split_test import ChangeTest, change_test, explained, freed, split_test
 
 __all__ = [
-    "Displacement", "PossibleChange", "displacement", "equivalent", "movements", "outlying",
+    "Displacement", "PossibleChange", "displacement", "equivalent", "is_whole_base", "movements", "outlying",
     "possible_changes", "refitted",
 ]  # fmt: skip
 
@@ -173,13 +173,18 @@ def displacement(
     return Displacement.of(sizes, spread, of[0].units)
 
 
+def is_whole_base(hypothesis: Hypothesis) -> bool:
+    """Decide whether a movement is that of the base in all six coordinates, not its shift alone."""
+    return hypothesis.name == "base_step" and len(hypothesis.units) == 6
+
+
 def _sizes(
     arm: Arm, of: tuple[Hypothesis, Array], before: Array, after: Array, covariance: Array
 ) -> tuple[Array, Array]:
     hypothesis, directions = of
     back = np.linalg.pinv(directions, rcond=1e-9)
     sizes, spread = back @ (after - before), back @ covariance @ back.T
-    if hypothesis.name == "base_step" and len(sizes) == 6:
+    if is_whole_base(hypothesis):
         turning = list(columns_of(arm, ("base",)))[3:]
         old, new = se3.exp(before[turning]), se3.exp(after[turning])
         sizes[3:] = se3.log(new @ old.T)
@@ -300,12 +305,22 @@ class _Comparison:
         residual[mask], jacobian[mask] = (np.concatenate(each) for each in zip(*parts, strict=True))
         return _Residuals(residual, jacobian, mask, self.fit.taken)
 
+    @cached_property
+    def _left_opened(self) -> _Residuals:
+        """Residuals beside every identified parameter."""
+        return replace(self._left, taken=self._opened.taken)
+
+    @cached_property
+    def _along(self) -> tuple[float, int]:
+        """What the identified parameters explain of the statistic, and its degrees of freedom."""
+        return explained(self.fit, self._opened)
+
     def moved(self, of: tuple[Hypothesis, Array]) -> PossibleChange | None:
         """Fit one movement since the calibration; None where the measurements do not determine it."""
         hypothesis, directions = of
-        if hypothesis.name.split("_", maxsplit=1)[0].replace("target", "tool") in self.refit:
+        if _KINDS[hypothesis.name] in self.refit:
             return None
-        anywhere = hypothesis.name == "base_step" and directions.shape[1] == 6
+        anywhere = is_whole_base(hypothesis)
         columns = np.concatenate([refitted(self._arm, self.refit), directions], axis=1)
         groups = (*self.refit, "base") if anywhere else ()
         there = self.problem.placed(self.fit.values, columns, groups, self.fit.there)
@@ -316,17 +331,16 @@ class _Comparison:
         sizes = _sizes(self._arm, of, self.fit.values, there.values, there.covariance) if whole else None
         return self._judged(hypothesis, sizes, determined, change_test(self.problem.prediction, there))
 
-    def beside(self, hypothesis: Hypothesis | None) -> PossibleChange | None:
+    def beside(self, hypothesis: Hypothesis) -> PossibleChange | None:
         """Fit the columns of a hypothesis beside the arm; None where the measurements do not determine them."""
-        if hypothesis is None or hypothesis.columns is None:
-            return None
+        assert hypothesis.columns is not None
         columns = self._white(hypothesis.columns)
         drop, sizes, covariance, determined = self._left.explained(columns)
         if determined < 1:
             return None
         # what the identified parameters would explain of what is left
-        dropped, _, _, free = replace(self._left, taken=self._opened.taken).explained(columns)
-        square, numbers = explained(self.fit, self._opened)
+        dropped, _, _, free = self._left_opened.explained(columns)
+        square, numbers = self._along
         along = square - drop + dropped, numbers - determined + free
         left = split_test(self.problem.prediction, (self.fit.square - drop, self.fit.dof - determined), along)
         whole = (sizes, covariance) if determined == columns.shape[2] or hypothesis.name == "outliers" else None

@@ -19,7 +19,7 @@ from lab.core import se3
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.diagnosis.hypothesis import Hypothesis
+from lab.diagnosis.hypothesis import Hypothesis, unchanged
 from lab.extensions.cameras.closed_forms import board_poses, robot_worlds
 from lab.extensions.cameras.geometry import sight_lines
 from lab.extensions.cameras.rig import HAND, PX, WORLD, Board, Camera, Rig
@@ -170,7 +170,7 @@ def placed_pictures(rig: Rig, pictures: Pictures, arm: Model, data: Measurements
     """
     inputs = data.inputs(arm.conditions)[pictures.middle]
     As = _carriers(rig, pictures, arm, inputs, nominal)
-    used = np.array([data.use[row] != "skip" for row in pictures.middle])
+    used = data.used[pictures.middle]
     pairs, misses = {}, np.full(len(As), np.nan)
     for i, j in rig.pairs:
         own = (pictures.camera == i) & (pictures.board == j) & used
@@ -249,10 +249,6 @@ def picture_mistakes(sensor: Any, at: PlacedPictures, data: Measurements) -> Ite
     yield from _scaled(sensor, at)
 
 
-def _unchanged(rows: Measurements) -> Measurements:
-    return rows
-
-
 def _turns(board: Board) -> list[tuple[str, NDArray[np.int_]]]:
     """Return the turns of a board that its pattern does not show, each as the numbers that its corners then have."""
     if board.kind != "checkerboard":
@@ -287,9 +283,7 @@ def _turned(rig: Rig, at: PlacedPictures, data: Measurements) -> Iterator[Hypoth
 def _motion(before: Array, after: Array) -> Array:
     """Return the rigid motion ``(4, 4)`` that takes points ``(c, 3)`` to others."""
     a, b = before - before.mean(axis=0), after - after.mean(axis=0)
-    turned = b.T @ a
-    u, _, vt = np.linalg.svd(turned)
-    R = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    R = se3.nearest_rotation(b.T @ a)
     return se3.pose(R, after.mean(axis=0) - R @ before.mean(axis=0))
 
 
@@ -387,7 +381,7 @@ def _mounted(sensor: Any) -> Iterator[Hypothesis]:
         boards=tuple(replace(part, fixed_to=other[part.fixed_to]) for part in rig.boards),
     )
     of = tuple(part.name for part in rig.cameras)
-    yield Hypothesis("camera_mount", of, 2, _unchanged, replace(sensor, rig=turned))
+    yield Hypothesis("camera_mount", of, 2, unchanged, replace(sensor, rig=turned))
 
 
 def _scaled(sensor: Any, at: PlacedPictures) -> Iterator[Hypothesis]:
@@ -409,7 +403,7 @@ def _scaled(sensor: Any, at: PlacedPictures) -> Iterator[Hypothesis]:
 
 def _of_ratio(name: str, part: str, parts: int, ratio: float, other: Any) -> Iterator[Hypothesis]:
     if abs(ratio - 1) > _RATIO:
-        yield Hypothesis(name, (part,), _RATIOS * parts, _unchanged, other, data=(("ratio", ratio),))
+        yield Hypothesis(name, (part,), _RATIOS * parts, unchanged, other, data=(("ratio", ratio),))
 
 
 def _ratio(pairs: Sequence[_Pair], As: Array, *, depth_alone: bool) -> float:

@@ -44,7 +44,7 @@ class PlannedPictures:
     def of(cls, rig: Rig, robot: RobotModel) -> Self:
         """Place cameras and boards as their file says.
 
-        Boards that the file states a size for count as exact: no pose changes what is known of a board's size.
+        All boards count as exact: no pose changes what is known of a board's size.
 
         Raises:
             LabError: the robot has loops, or the file does not place all of them.

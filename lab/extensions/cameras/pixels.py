@@ -157,7 +157,7 @@ class PixelSensor(VirtualSensor):
         for column in ("u_px", "v_px"):
             if column not in data.conditions:
                 raise LabError(f"column {column} is missing: {option_name('observe')} pixels needs u_px and v_px")
-        rows = np.flatnonzero(self.rows(data) & (np.array(data.use) != "skip"))
+        rows = np.flatnonzero(self.rows(data) & data.used)
         if not len(rows):
             raise LabError("no row has a place in a picture: fill in u_px and v_px")
         part = data[rows]

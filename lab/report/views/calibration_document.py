@@ -140,7 +140,7 @@ def _card(result: CalibrationResult) -> doc.Card:
     numbers: tuple[tuple[str, str, str], ...] = ()
     about = "The accuracy at other poses was not validated."
     if result.state.misread:
-        first, *_, last = (*result.diagnosis, result.diagnosis[-1])
+        first, last = result.diagnosis[0], result.diagnosis[-1]
         sizes = (("as read", first.before_m, "before"), ("undone", last.after_m, "after"))
         numbers = tuple((name, short(MM.of(size), "mm"), kind) for name, size, kind in sizes)
         about = "Root mean square error of the arm, with the measurements as read and with the mistakes undone."

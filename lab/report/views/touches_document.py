@@ -22,7 +22,7 @@ _ADVICE = {
 
 def touches_document(result: TouchesResult) -> doc.Document:
     """Build the document: what moved, what is told apart, and what the checks found."""
-    change = result.scan.change
+    change = None if result.findings else result.scan.change  # misread touches show no change
     name = called(result.calibrated.robot.name, result.serial)
     blocks: list[doc.Block] = [
         doc.Paragraph((verdict_badge(result.verdict), f" {sentence(result.words())} An unchanged arm raises an alarm "
@@ -34,8 +34,6 @@ def touches_document(result: TouchesResult) -> doc.Document:
             "note",
         ),
     ]  # fmt: skip
-    if result.findings:
-        change = None  # of wrong readings
     if change is not None and len(change.candidates) == 1 and change.explained:
         blocks.append(doc.Paragraph(sentence(_ADVICE[change.candidates[0].cause.kind])))
     elif change is not None:
